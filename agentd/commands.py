@@ -1,0 +1,193 @@
+"""What each command of `agentd` does. Their docstrings are the help texts."""
+
+import json
+import sys
+from argparse import Namespace
+from collections.abc import Callable
+from pathlib import Path
+from typing import TypeAlias
+
+from rich.console import Console
+
+from agentd.progress import Progress
+from agentd.rundir import default_endpoints, new_run_folder, read_about, write_about
+from dcf_zenoh.config import LoadedFleet, load, to_toml
+from dcf_zenoh.errors import ConfigurationError, DcfError
+from dcf_zenoh.run import Run
+
+Command: TypeAlias = Callable[[Namespace], int]
+
+
+def launch(options: Namespace) -> int:
+    """Run FLEET as one daemon per agent on this machine, linked by Zenoh over the loopback interface.
+
+    Shows how far each agent is, ends with a summary and figures, and leaves everything in a run directory. When an
+    agent fails the others end too (or hold, if the fleet file says so) and the exit code is not 0. Ctrl-C ends all.
+    """
+    from agentd.fleet import launch as launch_fleet  # noqa: PLC0415 - opening Zenoh is for those who need it
+
+    fleet = _load(options)
+    folder = new_run_folder(fleet.spec, options.out)
+    failure: DcfError | None = None
+    with Progress(fleet.spec, quiet=options.json) as progress:
+        try:
+            launch_fleet(fleet, folder, progress.show, progress.say)
+        except DcfError as error:
+            failure = error
+    try:
+        _finish(Run.read(folder), options)
+    except DcfError as error:
+        if failure is None:
+            raise
+        print(f"agentd: no summary: {error}", file=sys.stderr)
+    if failure is not None:
+        raise failure
+    return 0
+
+
+def run(options: Namespace) -> int:
+    """Run one agent of FLEET: one daemon, on the machine that carries the agent.
+
+    Start one per agent, on one machine or on several, each with the same fleet file. They meet at the endpoints that
+    the fleet file gives (agents.N.endpoint), by default tcp/127.0.0.1:7450+N, and start together.
+    """
+    from agentd.daemon import Assignment, run_agent  # noqa: PLC0415
+    from dcf_zenoh.config import freeze  # noqa: PLC0415
+
+    fleet = _load(options)
+    if options.id not in fleet.spec.agents:
+        raise ConfigurationError(f"--id {options.id}: there is no such agent; agents are {list(fleet.spec.ids)}", fleet.source)
+    folder: Path = options.out or Path("runs") / fleet.spec.name
+    about = read_about(folder)
+    endpoints = {int(i): str(endpoint) for i, endpoint in about.get("endpoints", {}).items()}
+    if not options.supervised:
+        fleet = freeze(fleet, folder)
+    task = Assignment(
+        agent=options.id,
+        run=options.run or about.get("run", "manual"),
+        folder=folder,
+        endpoints=endpoints or default_endpoints(fleet.spec),
+        supervised=options.supervised,
+    )
+    run_agent(fleet, task)
+    return 0
+
+
+def simulate(options: Namespace) -> int:
+    """Run FLEET in this process, in virtual time: as fast as the machine allows, no Zenoh, one thread.
+
+    The result depends on the fleet file and its seed only; `launch --clock virtual` gives the same bits.
+    """
+    from dcf_zenoh.simulation import simulate as simulate_fleet  # noqa: PLC0415
+
+    options.clock = "virtual"
+    fleet = _load(options)
+    folder = new_run_folder(fleet.spec, options.out)
+    write_about(folder, {"fleet": fleet.spec.name, "run": folder.resolve().name, "source": fleet.source})
+    _finish(simulate_fleet(fleet, out=folder), options)
+    return 0
+
+
+def check(options: Namespace) -> int:
+    """Check FLEET and print it with all defaults filled in: what a run would use.
+
+    All problems are reported at once. The code of plug-ins that are not part of dcf-zenoh is not run, unless --load
+    is given: their files are read, not executed.
+    """
+    fleet = _load(options, run_plugins=options.load)
+    print(to_toml(fleet.spec), end="")
+    return 0
+
+
+def plugins(options: Namespace) -> int:  # noqa: ARG001
+    """List all kinds that a fleet file can name, built in or installed, with their options and defaults."""
+    from dcf_zenoh.plugins import GROUPS, describe, names  # noqa: PLC0415
+
+    for group in GROUPS:
+        print(f"{group}:")
+        for name in names(group):
+            print(f"  {name:<20} {describe(group, name)}")
+    return 0
+
+
+def report(options: Namespace) -> int:
+    """Draw the figures of one run, or of several side by side: paths, times, separation, convergence (PNG, PDF)."""
+    from agentd.report import write_report  # noqa: PLC0415
+
+    runs = [Run.read(folder) for folder in options.runs]
+    for path in write_report(runs, options.out or options.runs[0], animate=options.animate):
+        print(path)
+    return 0
+
+
+def export(options: Namespace) -> int:
+    """Write the log of RUN for other tools: csv (one row per agent and step), npz (NumPy) or mat (MATLAB)."""
+    from agentd.export import export as export_run  # noqa: PLC0415
+
+    print(export_run(Run.read(options.run), options.to, options.out))
+    return 0
+
+
+def rerun(options: Namespace) -> int:
+    """Repeat RUN from what its directory holds (fleet file, plug-in files), and compare the two.
+
+    A run in virtual time is repeated in the simulator and must be identical; one on the wall clock is launched again
+    and may differ. The exit code is 1 if a run in virtual time differs.
+    """
+    from dcf_zenoh.comparison import compare  # noqa: PLC0415
+
+    first = Run.read(options.run)
+    again = Namespace(
+        **{**vars(options), "fleet": str(options.run / "fleet.toml"), "set": []},
+        seed=None, clock=None, plant=None, algorithm=None, topology=None,
+    )  # fmt: skip
+    fleet = load(again.fleet)
+    again.out = new_run_folder(fleet.spec, options.out)
+    virtual = fleet.spec.time.clock == "virtual"
+    code = (simulate if virtual else launch)(again)
+    difference = compare(first, Run.read(again.out))
+    print(difference, file=sys.stderr)
+    return 1 if virtual and not difference.identical else code
+
+
+def diff(options: Namespace) -> int:
+    """Compare two runs: prints 'identical', or where they first differ and the largest deviations."""
+    from dcf_zenoh.comparison import compare  # noqa: PLC0415
+
+    difference = compare(Run.read(options.a), Run.read(options.b), tolerance=options.tolerance)
+    print(difference)
+    return 0 if difference.identical else 1
+
+
+def _load(options: Namespace, *, run_plugins: bool = True) -> LoadedFleet:
+    """The fleet that the options name; what the user should know goes to standard error."""
+    fleet = load(
+        options.fleet,
+        changes=options.set,
+        seed=options.seed,
+        clock=options.clock,
+        plant=options.plant,
+        algorithm=options.algorithm,
+        topology=options.topology,
+        run_plugins=run_plugins,
+    )
+    for note in fleet.notes:
+        print(f"agentd: note: {note}", file=sys.stderr)
+    return fleet
+
+
+def _finish(run: Run, options: Namespace) -> None:
+    """Summary and figures at the end of a run."""
+    from agentd.summary import summary_table  # noqa: PLC0415
+
+    summary = run.summary()
+    if options.json:
+        print(json.dumps(summary))
+    else:
+        Console().print(summary_table(summary))
+    if not options.no_report and run.folder is not None:
+        from agentd.report import write_report  # noqa: PLC0415
+
+        written = write_report([run], run.folder, animate=options.animate)
+        if not options.json:
+            print(f"{run.folder}: log of every agent, and {', '.join(path.name for path in written)}")

@@ -1,0 +1,176 @@
+"""One agent as a process of its own: the only place that joins plant, controller, network and clock."""
+
+import hashlib
+import json
+import logging
+import os
+import signal
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from types import FrameType
+from typing import TextIO
+
+from agentd.runner import Stopped, await_goodbyes, run_virtual, run_wall
+from dcf_zenoh.assembly import AgentParts, Blueprint
+from dcf_zenoh.config import LoadedFleet, to_toml
+from dcf_zenoh.errors import NetworkError
+from dcf_zenoh.messaging.message import VERSION, Last
+from dcf_zenoh.messaging.network import Address, ClockOffset, Event, Network, Stop, endpoints_to_connect
+from dcf_zenoh.plant import State
+from dcf_zenoh.recording import StepRecord, open_log
+from dcf_zenoh.requests import NEVER
+
+log = logging.getLogger(__name__)
+GOODBYE_TIMEOUT = 2.0  # s to wait for the neighbours' goodbyes
+CLOCK_OFFSET_MAX = 0.02  # s between two machines on the wall clock
+
+
+@dataclass(frozen=True)
+class Assignment:
+    """What a daemon has to know beside the fleet file.
+
+    Attributes:
+        agent: Which agent it is.
+        run: Name of the run; part of all keys.
+        folder: The run directory.
+        endpoints: Where every agent listens.
+        supervised: A launcher reads status lines from standard output, and the end of standard input means stop.
+    """
+
+    agent: int
+    run: str
+    folder: Path
+    endpoints: dict[int, str]
+    supervised: bool = False
+
+
+def fingerprint(fleet: LoadedFleet) -> str:
+    """A short hash of all that must be the same at every agent: protocol, resolved fleet, plug-in files."""
+    total = hashlib.sha256(f"{VERSION}\n{to_toml(fleet.spec)}".encode())
+    plugins = fleet.folder / "plugins.json"
+    if plugins.is_file():
+        total.update(plugins.read_bytes())
+    return total.hexdigest()[:16]
+
+
+def run_agent(fleet: LoadedFleet, task: Assignment) -> Last:
+    """Run one agent to its end.
+
+    Raises:
+        DcfError: Whatever ended it before its time.
+    """
+    blueprint = Blueprint.of(fleet)
+    hood = blueprint.hood(task.agent)
+    linked = sorted({*hood.receives_from, *hood.sends_to})
+    address = Address(
+        prefix=f"dcf/{fleet.spec.name}/{task.run}",
+        listen=task.endpoints[task.agent],
+        connect=endpoints_to_connect(task.agent, linked, task.endpoints),
+        settings=fleet.spec.zenoh.settings,
+    )
+    with open_log(task.folder, task.agent) as stream, Network(task.agent, hood, address) as network:
+        with _stop_events(network, supervised=task.supervised):
+            offsets, early = network.meet(fingerprint(fleet), fleet.spec.zenoh.ready_timeout)
+            _check_offsets(task.agent, offsets, wall=fleet.spec.time.clock == "wall")
+            about = {
+                "run": task.run,
+                "clock_offsets": {j: (offset.ahead, offset.error) for j, offset in offsets.items()},
+            }
+            status = Status(task.agent, sys.stdout) if task.supervised else None
+            parts = blueprint.build(task.agent, stream, about, status.observe if status else lambda _record: None)
+            return _run(fleet, parts, network, early, hood.receives_from)
+
+
+def _run(
+    fleet: LoadedFleet, parts: AgentParts, network: Network, early: list[Event], senders: tuple[int, ...]
+) -> Last:
+    last = Last.FAILED
+    try:
+        parts.plant.prepare()
+        if fleet.spec.time.clock == "wall":
+            last = run_wall(parts, network, early)
+        else:
+            last = run_virtual(parts, network, early, fleet.spec.zenoh.silence_timeout)
+        await_goodbyes(parts, network, senders, GOODBYE_TIMEOUT)
+        return last
+    except BaseException as error:
+        reason = "stopped" if isinstance(error, Stopped) else "failed"
+        parts.recorder.end(reason, -1, State(), str(error), parts.exchange.counts)
+        network.publish(parts.exchange.goodbye(NEVER, 0, Last.FAILED).message)
+        raise
+    finally:
+        parts.plant.close()
+
+
+class Status:
+    """Tells the launcher how the agent is doing: one JSON object per line.
+
+    Args:
+        agent: Id.
+        stream: Read by the launcher.
+    """
+
+    def __init__(self, agent: int, stream: TextIO) -> None:
+        self._agent = agent
+        self._stream = stream
+        self._late = 0
+
+    def observe(self, record: StepRecord) -> None:
+        """Report a finished step."""
+        self._late += record.late
+        half = len(record.state) // 2
+        line = {
+            "agent": self._agent,
+            "step": record.step,
+            "rounds": record.rounds,
+            "late": self._late,
+            "position": record.state[:half],
+            "remark": record.remark,
+        }
+        try:
+            print(json.dumps(line), file=self._stream, flush=True)
+        except (BrokenPipeError, ValueError):
+            self._stream = open(os.devnull, "w")  # noqa: SIM115, PTH123 - nobody reads; the log has it all
+
+
+@contextmanager
+def _stop_events(network: Network, *, supervised: bool) -> Iterator[None]:
+    """Turn SIGINT, SIGTERM and the launcher's death into stop events while the body runs."""
+
+    def on_signal(number: int, _frame: FrameType | None) -> None:
+        network.events.put(Stop(f"stopped by {signal.Signals(number).name}"))
+
+    before = {number: signal.signal(number, on_signal) for number in (signal.SIGINT, signal.SIGTERM)}
+    if supervised:
+
+        def watch() -> None:
+            while os.read(0, 1024):  # the launcher writes nothing: this returns when it closes its end, or dies
+                pass
+            network.events.put(Stop("stopped by the launcher's end"))
+
+        threading.Thread(target=watch, name="launcher-watch", daemon=True).start()
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _check_offsets(agent: int, offsets: dict[int, ClockOffset], *, wall: bool) -> None:
+    """Refuse to fly on clocks that disagree.
+
+    Raises:
+        NetworkError: A neighbour's clock is too far off for a common start.
+    """
+    for j, offset in offsets.items():
+        off = abs(offset.ahead) - offset.error
+        log.info("agent %d: clock of agent %d is %+.3f ms ahead", agent, j, offset.ahead * 1e-6)
+        if wall and off > CLOCK_OFFSET_MAX * 1e9:
+            raise NetworkError(
+                f"agent {agent}: the clock of agent {j} is off by {offset.ahead * 1e-9:+.3f} s; at most"
+                f" {CLOCK_OFFSET_MAX:g} s is allowed on the wall clock: synchronise the machines (NTP, chrony)"
+            )

@@ -1,0 +1,20 @@
+"""The figures of a report, one file each. Importing this imports matplotlib; daemons never do."""
+
+from collections.abc import Callable, Mapping, Sequence
+
+from matplotlib.figure import Figure
+
+from agentd.figures.convergence import convergence
+from agentd.figures.decisions import decisions
+from agentd.figures.separation import separation
+from agentd.figures.times import times
+from agentd.figures.trajectories import trajectories
+from dcf_zenoh.run import Run
+
+FIGURES: Mapping[str, Callable[[Sequence[Run]], Figure | None]] = {
+    "trajectories": trajectories,
+    "times": times,
+    "separation": separation,
+    "convergence": convergence,
+    "decisions": decisions,
+}  # name of the file -> how it is drawn; None where the runs have nothing to show

@@ -1,0 +1,66 @@
+"""What all figures share: fonts, colours, what is written above a run."""
+
+from typing import Any
+
+from dcf_zenoh.run import AgentLog, Run
+
+STYLE: Any = {  # not a dict for the type checker: matplotlib lists every key there is in its type
+    "axes.axisbelow": True,
+    "axes.grid": True,
+    "axes.labelsize": 11,
+    "axes.spines.right": False,
+    "axes.spines.top": False,
+    "axes.titlesize": 11,
+    "figure.dpi": 100,
+    "font.family": "DejaVu Sans",
+    "font.size": 10,
+    "grid.alpha": 0.5,
+    "grid.color": "#d0d0d0",
+    "grid.linewidth": 0.6,
+    "legend.fontsize": 9.5,
+    "legend.frameon": False,
+    "pdf.fonttype": 42,  # text stays text
+    "savefig.dpi": 160,
+}
+
+# Okabe and Ito's colours, told apart with any kind of colour vision; yellow left out, it is faint on white.
+BLUE, ORANGE, GREEN, RED, PINK, SKY = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#56B4E9"
+INK, GREY = "#222222", "#8a8a8a"
+_COLOURS = (BLUE, ORANGE, GREEN, RED, PINK, SKY)
+_DASHES = ("-", "--", ":", "-.")
+_NAMED = 3  # agents with a broken-off log that are named one by one
+
+
+def agent_style(place: int) -> dict[str, Any]:
+    """Colour and dashes of the agent at `place`, different for the first 24."""
+    return {
+        "color": _COLOURS[place % len(_COLOURS)],
+        "linestyle": _DASHES[place // len(_COLOURS) % len(_DASHES)],
+    }
+
+
+def flies(log: AgentLog) -> bool:
+    """Whether the agent has a body and a recorded step."""
+    return bool(len(log.step)) and log.path.shape[1] >= 2
+
+
+def heading(run: Run) -> str:
+    """Fleet, run, topology, clock; and whose logs are not whole."""
+    lines = [run.fleet.name] if run.fleet.name == run.name else [f"{run.fleet.name}, {run.name}"]
+    lines.append(f"{run.fleet.topology.kind} topology, {run.fleet.time.clock} clock")
+    if gaps := _gaps(run):
+        more = f" and {len(gaps) - _NAMED} more" if len(gaps) > _NAMED else ""
+        lines.append("log broken off: " + ", ".join(gaps[:_NAMED]) + more)
+    return "\n".join(lines)
+
+
+def _gaps(run: Run) -> list[str]:
+    """Agents whose logs lack their end."""
+    found = []
+    for agent in run.fleet.ids:
+        log = run.agents.get(agent)
+        if log is None or not len(log.step):
+            found.append(f"agent {agent} before step 0")
+        elif log.end is None:
+            found.append(f"agent {agent} after step {log.step[-1]}")
+    return found

@@ -1,0 +1,122 @@
+"""The paper's first figure: the agents' paths in the plane."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch, Polygon
+
+from agentd.figures.style import GREY, INK, agent_style, flies, heading
+from dcf_zenoh.plant import Array
+from dcf_zenoh.run import Run
+
+_COLUMNS = 3
+
+
+def trajectories(runs: Sequence[Run]) -> Figure | None:
+    """Paths, starts, ends and targets, and the safety regions at the instant of the closest approach."""
+    flown = [run for run in runs if any(map(flies, run.agents.values()))]
+    if not flown:
+        return None
+    columns = min(len(flown), _COLUMNS)
+    rows = -(-len(flown) // columns)
+    corners = [limits(run) for run in flown]
+    low, high = np.min([each[0] for each in corners], axis=0), np.max([each[1] for each in corners], axis=0)
+    height = float(np.clip((high[1] - low[1]) / (high[0] - low[0]), 0.4, 1.6)) * 4.6
+    figure = Figure(figsize=(4.6 * columns + 0.8, (height + 1.3) * rows + 0.5), layout="compressed")
+    panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
+    panels[0, 0].set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
+    for axes, run in zip(panels.flat, flown, strict=False):
+        _panel(axes, run)
+    for axes in panels.flat[len(flown) :]:
+        axes.remove()
+    for axes in panels[:, 0]:
+        axes.set_ylabel("y in m")
+    regions = any(run.radii for run in flown)
+    figure.legend(handles=_key(regions=regions), loc="outside lower center", ncols=4 if columns > 1 else 2)
+    return figure
+
+
+def diamond(centre: Array, radii: tuple[float, float]) -> Array:
+    """Corners of |x| / r1 + |y| / r2 = 1 around `centre`, shape (4, 2), m: nobody else's position may be inside."""
+    r1, r2 = radii
+    corners: Array = centre[:2] + np.array([[r1, 0], [0, r2], [-r1, 0], [0, -r2]])
+    return corners
+
+
+def limits(run: Run) -> tuple[Array, Array]:
+    """Lower left and upper right corner of all that is drawn of a run, m."""
+    points = [log.path[:, :2] for log in run.agents.values() if flies(log)]
+    points += [target[None, :2] for target in run.targets.values()]
+    every = np.vstack(points)
+    low, high = every.min(axis=0), every.max(axis=0)
+    margin = max(0.08 * float(max(high - low)), 0.1)  # room for names and markers
+    return low - margin, high + margin
+
+
+def _panel(axes: Axes, run: Run) -> None:
+    instant = _closest(run)
+    for place, (agent, log) in enumerate(run.agents.items()):
+        if agent in run.targets:
+            axes.plot(*run.targets[agent][:2], "x", color=INK, markersize=7, markeredgewidth=1.3, zorder=7)
+        if not flies(log):
+            continue
+        style, path = agent_style(place), log.path
+        axes.plot(path[:, 0], path[:, 1], linewidth=1.8, zorder=3, **style)
+        axes.plot(*path[0, :2], "s", color=style["color"], markersize=7, zorder=4)
+        axes.plot(*path[-1, :2], "o", markersize=13, markerfacecolor="none", markeredgewidth=1.6,
+                  markeredgecolor=style["color"], zorder=4)  # fmt: skip
+        _name(axes, agent, path, style["color"])
+        if instant is not None:
+            axes.plot(*path[instant, :2], "o", color=style["color"], markersize=4.5, zorder=5)
+        if instant is not None and run.radii is not None:
+            corners = diamond(path[instant], run.radii)
+            axes.add_patch(Polygon(corners, closed=True, facecolor=style["color"], alpha=0.08, zorder=1))
+            axes.add_patch(
+                Polygon(corners, closed=True, fill=False, edgecolor=style["color"], linewidth=0.9, alpha=0.8, zorder=2)
+            )
+    axes.set_aspect("equal")
+    axes.tick_params(labelbottom=True)  # also above the empty place of a last row
+    axes.set_xlabel("x in m")
+    title = heading(run)
+    if instant is not None:
+        what, value, unit = _least(run, instant)
+        title += f"\nclosest at {run.time[instant]:.1f} s: {what} {value:.3f}{unit}"
+    axes.set_title(title)
+
+
+def _closest(run: Run) -> int | None:
+    """Step of the closest approach: the least barrier value, or distance where there is no safety region."""
+    gaps = run.barriers if run.barriers.size else run.distances
+    return int(gaps.min(axis=1).argmin()) if gaps.size else None
+
+
+def _least(run: Run, instant: int) -> tuple[str, float, str]:
+    if run.barriers.size:
+        return "least barrier h =", float(run.barriers[instant].min()), ""
+    return "least distance", float(run.distances[instant].min()), " m"
+
+
+def _name(axes: Axes, agent: int, path: Array, colour: str) -> None:
+    """Write the id beside the start, on the side the path does not leave to."""
+    away = path[0, :2] - path[min(len(path) - 1, 5), :2]
+    away = away / np.hypot(*away) if np.hypot(*away) > 1e-6 else np.array([0.0, 1.0])
+    away = away + 0.8 * np.array([away[1], -away[0]])  # beside the target of whoever comes from over there
+    axes.annotate(
+        str(agent), (path[0, 0], path[0, 1]), xytext=(12 * away[0], 12 * away[1]), textcoords="offset points", ha="center", va="center",
+        color=colour, fontweight="bold", fontsize=11, zorder=6,
+    )  # fmt: skip
+
+
+def _key(*, regions: bool) -> list[Line2D | Patch]:
+    """Legend in neutral colour: the agents are named in the picture."""
+    key: list[Line2D | Patch] = [
+        Line2D([], [], color=GREY, marker="s", markersize=7, linewidth=1.8, label="start and path"),
+        Line2D([], [], color=GREY, marker="o", markersize=11, markerfacecolor="none", linestyle="", label="end"),
+        Line2D([], [], color=INK, marker="x", markersize=7, linestyle="", label="target"),
+    ]
+    if regions:
+        key.append(Patch(facecolor="#eeeeee", edgecolor=GREY, label="safety region, closest instant"))
+    return key

@@ -1,0 +1,192 @@
+"""Launch a fleet on this machine, watch over it, and end it together."""
+
+import json
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+from queue import Empty, SimpleQueue
+from types import FrameType
+from typing import Any, TypeAlias
+
+from agentd.rundir import free_endpoints, write_about
+from dcf_zenoh.config import LoadedFleet, freeze
+from dcf_zenoh.errors import DcfError
+
+REACTION = 2.0  # s the others get to end by themselves after one has failed
+TERM = 3.0  # s between SIGTERM and SIGKILL
+
+Show: TypeAlias = Callable[[Mapping[int, Mapping[str, Any]]], None]
+Say: TypeAlias = Callable[[str], None]
+
+
+class FleetFailed(DcfError):
+    """At least one agent did not reach its planned end. Every process is gone all the same."""
+
+
+@dataclass
+class Daemon:
+    """One child process.
+
+    Attributes:
+        agent: Id.
+        process: The process.
+        errors: File with its standard error.
+        status: Last status line.
+        code: Its exit code once it has ended; negative for a signal.
+    """
+
+    agent: int
+    process: subprocess.Popen[str]
+    errors: Path
+    status: Mapping[str, Any] = field(default_factory=dict)
+    code: int | None = None
+
+    def read_status(self) -> None:
+        """Keep the last status line; returns when the daemon closes its output."""
+        assert self.process.stdout is not None
+        for line in self.process.stdout:
+            self.status = json.loads(line)
+
+    def last_words(self) -> str:
+        """The last line of its standard error."""
+        lines = self.errors.read_text(encoding="utf-8", errors="replace").strip().splitlines()
+        return lines[-1] if lines else ""
+
+
+def launch(fleet: LoadedFleet, folder: Path, show: Show, say: Say) -> None:
+    """Run a fleet as one daemon per agent; return when all have ended.
+
+    Args:
+        fleet: What to run.
+        folder: An empty run directory.
+        show: Called with agent -> last status, several times a second.
+        say: Called with a line when something happens that a person should know.
+
+    Raises:
+        FleetFailed: An agent failed, or somebody stopped the fleet.
+    """
+    frozen = freeze(fleet, folder)
+    about: dict[str, Any] = {
+        "fleet": fleet.spec.name,
+        "run": folder.resolve().name,
+        "source": fleet.source,
+        "clock": fleet.spec.time.clock,
+        "launched": datetime.now(UTC).isoformat(),
+        "endpoints": free_endpoints(fleet.spec),
+    }
+    write_about(folder, about)
+    patient = fleet.spec.time.clock == "wall" and fleet.spec.safety.neighbour_silent.then == "hold"
+    daemons: dict[int, Daemon] = {}
+    problems: list[str] = []
+    with _stop_requests() as asked:
+        try:
+            for agent in frozen.spec.ids:
+                daemons[agent] = _spawn(folder, agent)
+            _supervise(daemons, asked, show, say, problems, patient=patient)
+        finally:
+            _end(daemons, say)
+            about["ended"] = datetime.now(UTC).isoformat()
+            about["exit_codes"] = {i: daemon.code for i, daemon in daemons.items()}
+            about["problems"] = problems
+            write_about(folder, about)
+    if problems:
+        raise FleetFailed("; ".join(problems))
+
+
+def _spawn(folder: Path, agent: int) -> Daemon:
+    """Start one daemon, in a session of its own so that Ctrl-C reaches the launcher alone."""
+    command = [sys.executable, "-m", "agentd", "run", str(folder / "fleet.toml"), "--id", str(agent)]
+    command += ["--out", str(folder), "--supervised"]
+    path = folder / f"agent-{agent}.err"
+    with path.open("w", encoding="utf-8") as errors:
+        process = subprocess.Popen(
+            command,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=errors,
+            text=True,
+            start_new_session=True,
+        )
+    daemon = Daemon(agent, process, path)
+    threading.Thread(target=daemon.read_status, daemon=True).start()
+    return daemon
+
+
+def _supervise(
+    daemons: Mapping[int, Daemon], asked: SimpleQueue[str], show: Show, say: Say, problems: list[str], *, patient: bool
+) -> None:
+    """Watch until all daemons have ended, or until it is time to end them; note what went wrong."""
+    began, shown = time.monotonic(), 0.0
+    give_up = float("inf")
+    while any(daemon.code is None for daemon in daemons.values()) and time.monotonic() < give_up:
+        try:
+            reason = asked.get(timeout=0.02)
+            problems.append(reason)
+            say(f"{reason}: stopping the fleet")
+            return
+        except Empty:
+            pass
+        now = time.monotonic()
+        for daemon in daemons.values():
+            if daemon.code is None and (code := daemon.process.poll()) is not None:
+                daemon.code = code
+                if code:
+                    problems.append(f"agent {daemon.agent} {_death(daemon, now - began)}")
+                    say(problems[-1])
+                    give_up = give_up if patient else min(give_up, now + REACTION)
+        if now - shown >= 0.1:
+            shown = now
+            show({i: daemon.status for i, daemon in daemons.items()})
+    show({i: daemon.status for i, daemon in daemons.items()})
+
+
+def _death(daemon: Daemon, after: float) -> str:
+    """How a daemon ended, and when."""
+    code = daemon.code or 0
+    how = f"was killed by {signal.Signals(-code).name}" if code < 0 else f"ended with exit code {code}"
+    step = f" in step {daemon.status['step']}" if daemon.status else ""
+    words = daemon.last_words()
+    return f"{how} {after:.1f} s after the launch{step}" + (f": {words}" if words else "")
+
+
+def _end(daemons: Mapping[int, Daemon], say: Say) -> None:
+    """Make sure that no daemon is left: ask, wait, and end by force whoever does not listen."""
+    running = [daemon for daemon in daemons.values() if daemon.process.poll() is None]
+    for daemon in running:
+        daemon.process.terminate()
+    deadline = time.monotonic() + TERM
+    for daemon in running:
+        try:
+            daemon.process.wait(max(0.0, deadline - time.monotonic()))
+        except subprocess.TimeoutExpired:
+            say(f"agent {daemon.agent} did not end within {TERM:g} s of SIGTERM: killed")
+            daemon.process.kill()
+    for daemon in daemons.values():
+        daemon.code = daemon.process.wait(TERM)
+        assert daemon.process.stdin is not None
+        daemon.process.stdin.close()
+
+
+@contextmanager
+def _stop_requests() -> Iterator[SimpleQueue[str]]:
+    """SIGINT, SIGTERM and SIGHUP as reasons in a queue while the body runs; a second Ctrl-C interrupts at once."""
+    asked: SimpleQueue[str] = SimpleQueue()
+    numbers = [signal.SIGINT, signal.SIGTERM, *([signal.SIGHUP] if hasattr(signal, "SIGHUP") else [])]
+
+    def on_signal(number: int, _frame: FrameType | None) -> None:
+        asked.put(f"the launcher got {signal.Signals(number).name}")
+        signal.signal(number, before[signal.Signals(number)])
+
+    before = {number: signal.signal(number, on_signal) for number in numbers}
+    try:
+        yield asked
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

@@ -1,0 +1,78 @@
+"""How far a launched fleet is, on the terminal."""
+
+import time
+from collections.abc import Mapping
+from itertools import combinations
+from math import dist
+from types import TracebackType
+from typing import Any, Self
+
+from rich.console import Console
+from rich.live import Live
+from rich.table import Table
+
+from dcf_zenoh.spec import FleetSpec
+
+LINE_PERIOD = 2.0  # s between lines where there is no terminal
+
+
+class Progress:
+    """A live table on a terminal, a line now and then elsewhere, on standard error.
+
+    Args:
+        fleet: The fleet.
+        quiet: Say only what goes wrong.
+    """
+
+    def __init__(self, fleet: FleetSpec, *, quiet: bool = False) -> None:
+        self._fleet = fleet
+        self._quiet = quiet
+        self._console = Console(stderr=True)
+        self._live: Live | None = None
+        self._last_line = time.monotonic()
+
+    def __enter__(self) -> Self:
+        if self._console.is_terminal and not self._quiet:
+            self._live = Live(console=self._console, transient=True, auto_refresh=False)
+            self._live.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._live is not None:
+            self._live.stop()
+
+    def say(self, line: str) -> None:
+        """Print a line that stays."""
+        self._console.print(f"agentd: {line}", style="bold red", markup=False, highlight=False)
+
+    def show(self, status: Mapping[int, Mapping[str, Any]]) -> None:
+        """Show agent -> last status."""
+        if self._live is not None:
+            self._live.update(self._table(status), refresh=True)
+        elif not self._quiet and time.monotonic() - self._last_line >= LINE_PERIOD:
+            self._last_line = time.monotonic()
+            steps = [entry.get("step", "-") for entry in status.values()]
+            late = sum(entry.get("late", 0) for entry in status.values())
+            line = f"step {min(map(str, steps), key=len)} of {self._fleet.steps}, {late} deadlines missed"
+            self._console.print(line + self._separation(status), markup=False, highlight=False)
+
+    def _table(self, status: Mapping[int, Mapping[str, Any]]) -> Table:
+        table = Table(title=f"{self._fleet.name}{self._separation(status)}", title_justify="left")
+        for heading in ("agent", "step", "rounds", "deadlines missed", "position, m", ""):
+            table.add_column(heading, justify="right")
+        for agent, entry in status.items():
+            position = ", ".join(f"{value:+.2f}" for value in entry.get("position", ()))
+            step = f"{entry['step'] + 1} / {self._fleet.steps}" if entry else "getting ready"
+            remark = str(entry.get("remark", ""))
+            table.add_row(
+                str(agent), step, str(entry.get("rounds", "")), str(entry.get("late", "")), position, remark
+            )
+        return table
+
+    @staticmethod
+    def _separation(status: Mapping[int, Mapping[str, Any]]) -> str:
+        places = [entry["position"] for entry in status.values() if entry.get("position")]
+        gaps = [dist(a, b) for a, b in combinations(places, 2) if len(a) == len(b)]
+        return f", closest pair {min(gaps):.2f} m" if gaps else ""

@@ -1,0 +1,77 @@
+"""The directory of a run, and where its agents listen."""
+
+import json
+import os
+import random
+import socket
+from collections.abc import Mapping
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from dcf_zenoh.errors import NetworkError, RecordingError
+from dcf_zenoh.spec import FleetSpec
+
+PORTS = range(20000, 32000)  # below what systems give to outgoing connections
+
+
+def new_run_folder(fleet: FleetSpec, out: Path | None) -> Path:
+    """An empty run directory: `out`, or a new one below ``runs``.
+
+    Raises:
+        RecordingError: It cannot be made, or has something in it.
+    """
+    folder = out or Path("runs") / f"{fleet.name}-{datetime.now():%Y%m%d-%H%M%S}-{os.getpid()}"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        if any(folder.iterdir()):
+            raise RecordingError(f"{folder}: this directory is not empty; choose another with --out")
+        write_about(folder, {})
+    except OSError as error:
+        raise RecordingError(f"{folder}: cannot be written: {error.strerror}") from error
+    return folder
+
+
+def write_about(folder: Path, about: Mapping[str, Any]) -> None:
+    """Replace ``run.json`` in one step."""
+    temporary = folder / ".run.json"
+    temporary.write_text(json.dumps(about, indent=2) + "\n", encoding="utf-8")
+    temporary.replace(folder / "run.json")
+
+
+def read_about(folder: Path) -> dict[str, Any]:
+    """What ``run.json`` says; nothing if there is none.
+
+    Raises:
+        RecordingError: It is not JSON.
+    """
+    path = folder / "run.json"
+    try:
+        found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
+    except (OSError, ValueError) as error:
+        raise RecordingError(f"{path}: cannot be read: {error}") from error
+    return found
+
+
+def free_endpoints(fleet: FleetSpec) -> dict[int, str]:
+    """Where every agent listens: as the fleet file says, or a free port of the loopback interface.
+
+    Raises:
+        NetworkError: There are not enough free ports.
+    """
+    ports = iter(random.sample(PORTS, len(PORTS)))
+    return {i: fleet.agents[i].endpoint or f"tcp/127.0.0.1:{next(filter(_is_free, ports), None)}" for i in fleet.ids}
+
+
+def default_endpoints(fleet: FleetSpec) -> dict[int, str]:
+    """Where agents listen when nobody launched them together."""
+    return {i: fleet.agents[i].endpoint or f"tcp/127.0.0.1:{fleet.zenoh.base_port + i}" for i in fleet.ids}
+
+
+def _is_free(port: int) -> bool:
+    with socket.socket() as probe:
+        try:
+            probe.bind(("127.0.0.1", port))
+        except OSError:
+            return False
+    return True

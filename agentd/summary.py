@@ -1,0 +1,83 @@
+"""The end of a run as a table on the screen."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from rich import box
+from rich.table import Table
+
+_ENDS = {  # words of `Outcome.stopped_by`, and of steps without rounds, in the order of the table
+    "agreed": "by agreement",
+    "returned": "of the algorithm's own accord",
+    "rounds": "out of rounds",
+    "budget": "out of time",
+    "abstained": "abstained",
+}
+
+
+def summary_table(summary: Mapping[str, Any]) -> Table:
+    """`Run.summary` for people.
+
+    Args:
+        summary: As `Run.summary` returns it.
+    """
+    table = Table(title=_title(summary), title_justify="left", show_header=False, box=box.SIMPLE_HEAD)
+    table.add_column(style="bold")
+    table.add_column()
+    for name, text in _rows(summary):
+        table.add_row(name, text)
+    return table
+
+
+def _title(summary: Mapping[str, Any]) -> str:
+    name = summary["fleet"] if summary["run"] == summary["fleet"] else f"{summary['fleet']}, {summary['run']}"
+    return f"{name}: {summary['topology']} topology, {summary['clock']} clock"
+
+
+def _rows(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
+    flies = summary["plant"] != "none"
+    agent_steps = sum(summary["ended_by"].values())
+    model = ", model time" if summary["clock"] == "virtual" else ""
+    rows = [("agents", f"{summary['agents']} ({summary['plant']})" if flies else f"{summary['agents']} without plants")]
+    if flies:
+        arrived = f"all, at {summary['arrival_time']:.1f} s" if summary["arrived"] else "not all"
+        rows += [("arrived", arrived), ("closest", _closest(summary))]
+    rows += [
+        ("steps", f"{summary['steps']} of all agents, {agent_steps} agent-steps"),
+        (
+            "deadlines missed",
+            f"{summary['deadline_misses']} of {agent_steps}{_share(summary['deadline_misses'], agent_steps)}",
+        ),
+        ("steps ended", _ends(summary["ended_by"])),
+        ("rounds per step", _spread(summary["rounds_per_step"], "")),
+        ("computation per step", _spread(summary["compute_ms"], " ms")),
+        ("negotiation per step", _spread(summary["negotiation_ms"], " ms") + model),
+        ("messages", ", ".join(f"{count} {what}" for what, count in summary["messages"].items())),
+        ("digest", summary["digest"][:16]),
+    ]
+    return rows
+
+
+def _closest(summary: Mapping[str, Any]) -> str:
+    distance, barrier = summary["min_distance"], summary["min_barrier"]
+    if distance is None:
+        return "no other agent"
+    safety = "" if barrier is None else f", least barrier {barrier:.3f}"
+    return f"{distance:.3f} m{safety}"
+
+
+def _share(part: int, whole: int) -> str:
+    return f" ({100 * part / whole:.1f} %)" if whole else ""
+
+
+def _ends(ended_by: Mapping[str, int]) -> str:
+    words = [*_ENDS, *sorted(set(ended_by) - set(_ENDS))]
+    return ", ".join(f"{ended_by[word]} {_ENDS.get(word, word)}" for word in words if ended_by.get(word)) or "none"
+
+
+def _spread(values: Mapping[str, float | None], unit: str) -> str:
+    """Median, 95 % and most, in three digits."""
+    if values["median"] is None:
+        return "none"
+    median, most, maximum = (f"{values[key]:.3g}{unit}" for key in ("median", "p95", "max"))
+    return f"median {median}, 95 % below {most}, at most {maximum}"

@@ -1,0 +1,190 @@
+"""Where two runs part, and how far they part."""
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from dcf_zenoh.exchange import RoundRecord
+from dcf_zenoh.run import AgentLog, Run
+
+STEPS = "number of steps"
+
+
+class Deviation(NamedTuple):
+    """How far one quantity of one agent differs at one place.
+
+    Attributes:
+        quantity: 'number of steps', 'state', 'rounds', 'decision', 'setpoint', 'residual', or a name that a round's
+            log has.
+        size: Largest absolute difference of an entry; infinite where one run has a number and the other has none.
+        agent: Id.
+        step: Control step k.
+        round: Round p; None for what belongs to the step as a whole.
+    """
+
+    quantity: str
+    size: float
+    agent: int
+    step: int
+    round: int | None = None
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """What came of comparing two runs.
+
+    Attributes:
+        remark: That the fleets are different ones; empty if they are not.
+        comparable: Whether both runs have the same agents. Nothing else is compared if they have not.
+        first: The first deviation above the tolerance, by step, then agent, then in order of time; None: there is none.
+        largest: Quantity -> its largest deviation, of those that deviate at all; largest first.
+        tolerance: Deviations up to this do not count.
+        sample_time: t_s, s.
+    """
+
+    remark: str
+    comparable: bool
+    first: Deviation | None
+    largest: Mapping[str, Deviation]
+    tolerance: float
+    sample_time: float
+
+    @property
+    def identical(self) -> bool:
+        """Whether nothing deviates by more than the tolerance."""
+        return self.comparable and self.first is None
+
+    def __str__(self) -> str:
+        parts = [self.remark] if self.remark else []
+        if self.identical:
+            parts.append(f"identical within {self.tolerance:g}" if self.largest else "identical")
+        elif self.first is not None:
+            parts.append(f"agent {self.first.agent} differs first: {self._place(self.first)}")
+        if self.largest:
+            each = [f"{d.quantity} {_size(d)} (agent {d.agent}, step {d.step})" for d in self.largest.values()]
+            parts.append("largest deviations: " + ", ".join(each))
+        return "; ".join(parts)
+
+    def _place(self, deviation: Deviation) -> str:
+        round = "" if deviation.round is None else f", round {deviation.round}"
+        time = deviation.step * self.sample_time
+        return f"step {deviation.step} ({time:.6g} s){round}, {deviation.quantity}: {_size(deviation)}"
+
+
+def compare(a: Run, b: Run, *, tolerance: float = 0.0) -> Comparison:
+    """Compare what the agents of two runs did; when they did it does not matter.
+
+    Of each step are compared: the state; round by round what was sent, the residual and what was noted, if both runs
+    have logged it; the number of rounds, the last residual, the decision and the setpoint. Values that are not numbers
+    are equal to one another.
+
+    Args:
+        a: One run.
+        b: The other.
+        tolerance: Deviations up to this do not count.
+    """
+    fleets = [f"{run.fleet.name} (agents {_listed(run)})" for run in (a, b)]
+    if set(a.agents) != set(b.agents):
+        return Comparison(
+            f"not comparable: {fleets[0]} and {fleets[1]} have logs of different agents", False, None, {}, tolerance,
+            a.fleet.time.sample_time,
+        )  # fmt: skip
+    remark = "" if a.fleet.name == b.fleet.name else f"different fleets: {a.fleet.name} and {b.fleet.name}"
+    first: Deviation | None = None
+    largest: dict[str, Deviation] = {}
+    for found in _deviations(a, b):
+        if first is None and found.size > tolerance:
+            first = found
+        if found.quantity not in largest or found.size > largest[found.quantity].size:
+            largest[found.quantity] = found
+    ordered = sorted(largest.values(), key=lambda each: -each.size)
+    return Comparison(
+        remark, True, first, {each.quantity: each for each in ordered}, tolerance, a.fleet.time.sample_time
+    )
+
+
+def _deviations(a: Run, b: Run) -> Iterator[Deviation]:
+    """All that differs at all, by step, then agent, then in order of time."""
+    pairs = {agent: (a.agents[agent], b.agents[agent]) for agent in sorted(a.agents)}
+    for row in range(max(len(log.step) for pair in pairs.values() for log in pair)):
+        for agent, (one, other) in pairs.items():
+            shorter, longer = sorted((len(one.step), len(other.step)))
+            if row < shorter:
+                yield from _step_deviations(agent, row, one, other)
+            elif row == shorter < longer:
+                yield Deviation(STEPS, float(longer - shorter), agent, int(max(one.step, other.step, key=len)[row]))
+
+
+def _step_deviations(agent: int, row: int, one: AgentLog, other: AgentLog) -> Iterator[Deviation]:
+    step = int(one.step[row])
+    pairs: list[tuple[str, Any, Any, int | None]] = [("state", one.state[row], other.state[row], None)]
+    records = zip(one.rounds_log[row], other.rounds_log[row], strict=False)
+    for round, (record, record_other) in enumerate(records):
+        mine, yours = RoundRecord(*record), RoundRecord(*record_other)
+        if mine._replace(arrivals={}) != yours._replace(arrivals={}):
+            pairs += [(name, *values, round) for name, values in _round_quantities(mine, yours)]
+    for name in ("rounds", "residual", "decision", "setpoint"):
+        pairs.append((name, getattr(one, name)[row], getattr(other, name)[row], None))
+    for name, mine_value, yours_value, place in pairs:
+        size = _difference(mine_value, yours_value)
+        if size > 0:
+            yield Deviation(name, size, agent, step, place)
+
+
+def _round_quantities(one: RoundRecord, other: RoundRecord) -> Iterator[tuple[str, tuple[Any, Any]]]:
+    """Payload, residual and notes of a round, by name, from both runs; None for what one of them lacks."""
+    yield from _joined(_flat(one.payload), _flat(other.payload))
+    yield "residual", (one.residual, other.residual)
+    yield from _joined(_flat(one.noted), _flat(other.noted))
+
+
+def _joined(one: Mapping[str, Any], other: Mapping[str, Any]) -> Iterator[tuple[str, tuple[Any, Any]]]:
+    for name in dict.fromkeys([*one, *other]):
+        yield name, (one.get(name), other.get(name))
+
+
+def _flat(values: Mapping[Any, Any]) -> dict[str, Any]:
+    """Values by name; those to single neighbours as ``x to 2``."""
+    flat: dict[str, Any] = {}
+    for key, value in values.items():
+        inner = {f"{name} to {key}": each for name, each in value.items()} if isinstance(value, Mapping) else None
+        flat |= {str(key): value} if inner is None else inner
+    return flat
+
+
+def _difference(one: Any, other: Any) -> float:
+    """Largest absolute difference; infinite where sizes differ, or one is a number where the other is not."""
+    if one is None or other is None:
+        return 0.0 if one is other else math.inf
+    x, y = _numbers(one), _numbers(other)
+    if x.shape != y.shape:
+        return math.inf
+    unlike = ~((x == y) | (np.isnan(x) & np.isnan(y)))
+    if not unlike.any():
+        return 0.0
+    apart = np.abs(x[unlike] - y[unlike])
+    return math.inf if np.isnan(apart).any() else float(apart.max())
+
+
+def _numbers(value: Any) -> npt.NDArray[np.float64]:
+    """As an array of numbers; what is none becomes one number, the same for the same text."""
+    try:
+        return np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        return np.frombuffer(repr(value).encode(), dtype=np.uint8).astype(np.float64)
+
+
+def _size(deviation: Deviation) -> str:
+    if deviation.quantity == STEPS:
+        return f"{deviation.size:.0f} more in one run"
+    if math.isinf(deviation.size):
+        return "a number in one run only"
+    return f"{deviation.size:.0f}" if deviation.quantity == "rounds" else f"{deviation.size:.2g}"
+
+
+def _listed(run: Run) -> str:
+    return ", ".join(map(str, sorted(run.agents)))

@@ -1,0 +1,29 @@
+"""The controller of a fleet without plants."""
+
+from dcf_zenoh.algorithms.algorithm import Algorithm, Dialogue, Me
+from dcf_zenoh.controllers.controller import Controller, Decision
+from dcf_zenoh.plant import Setpoint, State
+
+
+class SolveOnce(Controller):
+    """Solves the agent's problem as it stands; nothing is measured and nothing moves.
+
+    Args:
+        problem: Handed to the algorithm as it is.
+        algorithm: How it is solved.
+        me: This agent.
+    """
+
+    def __init__(self, problem: object, algorithm: Algorithm, me: Me) -> None:
+        self._problem = problem
+        self._algorithm = algorithm
+        self._me = me
+
+    def control(self, state: State) -> Dialogue[Decision]:  # noqa: ARG002
+        """Run the algorithm on the problem."""
+        result = yield from self._algorithm(self._problem, self._me)
+        self._me.remember(result)
+        return Decision(Setpoint(), result.decision)
+
+    def next_of_plan(self) -> None:
+        """There is no plan."""

@@ -1,0 +1,169 @@
+"""Directed communication graphs, what an agent sees of one, and weight matrices on it."""
+
+from collections import deque
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from dcf_zenoh.errors import TopologyError
+from dcf_zenoh.plant import Array
+
+
+@dataclass(frozen=True)
+class Graph:
+    """A directed graph over agents. A link (i, j) carries messages from i to j.
+
+    Attributes:
+        agents: Ids, ascending.
+        links: Pairs (sender, receiver); no agent has a link to itself.
+
+    Raises:
+        TopologyError: A link names an agent that is not there, or joins an agent to itself.
+    """
+
+    agents: tuple[int, ...]
+    links: frozenset[tuple[int, int]]
+
+    @classmethod
+    def of(cls, agents: Iterable[int], links: Iterable[Sequence[int]]) -> "Graph":
+        """A graph from any iterables, checked."""
+        ids = tuple(sorted(agents))
+        known = set(ids)
+        pairs = set()
+        for link in links:
+            try:
+                sender, receiver = link
+            except (TypeError, ValueError):
+                raise TopologyError(f"a link is a pair (sender, receiver), not {link!r}") from None
+            for end in (sender, receiver):
+                if end not in known:
+                    raise TopologyError(f"link {sender} -> {receiver}: there is no agent {end}; agents are {list(ids)}")
+            if sender == receiver:
+                raise TopologyError(f"link {sender} -> {receiver}: an agent needs no link to itself")
+            pairs.add((sender, receiver))
+        return cls(ids, frozenset(pairs))
+
+    def in_neighbours(self, agent: int) -> tuple[int, ...]:
+        """Those `agent` hears, ascending."""
+        return self._neighbours[0][agent]
+
+    def out_neighbours(self, agent: int) -> tuple[int, ...]:
+        """Those who hear `agent`, ascending."""
+        return self._neighbours[1][agent]
+
+    @cached_property
+    def _neighbours(self) -> tuple[dict[int, tuple[int, ...]], dict[int, tuple[int, ...]]]:
+        """Agent -> whom it hears, and agent -> who hears it."""
+        heard: dict[int, list[int]] = {agent: [] for agent in self.agents}
+        hearers: dict[int, list[int]] = {agent: [] for agent in self.agents}
+        for i, j in sorted(self.links):
+            heard[j].append(i)
+            hearers[i].append(j)
+        return {i: tuple(js) for i, js in heard.items()}, {i: tuple(js) for i, js in hearers.items()}
+
+    @cached_property
+    def undirected(self) -> bool:
+        """Whether every link has its opposite."""
+        return all((j, i) in self.links for i, j in self.links)
+
+    def distances(self, source: int) -> dict[int, int]:
+        """Hops from `source` to every agent that a message from it can reach, itself included (0)."""
+        found = {source: 0}
+        queue = deque([source])
+        while queue:
+            here = queue.popleft()
+            for there in self.out_neighbours(here):
+                if there not in found:
+                    found[there] = found[here] + 1
+                    queue.append(there)
+        return found
+
+    @cached_property
+    def diameter(self) -> int:
+        """Largest number of hops between two agents.
+
+        Raises:
+            TopologyError: The graph is not strongly connected; the message names a pair without a path.
+        """
+        longest = 0
+        for source in self.agents:
+            hops = self.distances(source)
+            for agent in self.agents:
+                if agent not in hops:
+                    kind = "connected" if self.undirected else "strongly connected"
+                    raise TopologyError(
+                        f"the graph is not {kind}: nothing agent {source} sends can reach agent {agent}"
+                    )
+            longest = max(longest, *hops.values())
+        return longest
+
+
+@dataclass(frozen=True)
+class Neighbourhood:
+    """What one agent knows of the graph: enough to exchange, to mix and to agree.
+
+    Attributes:
+        receives_from: In-neighbours, ascending.
+        sends_to: Out-neighbours, ascending.
+        weights: Row of the weight matrix: in-neighbour or the agent itself -> weight, ascending by id, sum 1.
+        diameter: Of the whole graph, in hops; 0 for a lone agent.
+        doubly_stochastic: Whether the columns of the weight matrix sum to 1 too, so that mixing keeps the mean.
+    """
+
+    receives_from: tuple[int, ...]
+    sends_to: tuple[int, ...]
+    weights: dict[int, float]
+    diameter: int
+    doubly_stochastic: bool
+
+    @classmethod
+    def of(cls, graph: Graph, agent: int, weights: Array) -> "Neighbourhood":
+        """Cut agent's part out of `graph` and the weight matrix (rows and columns in order of ids)."""
+        row = weights[graph.agents.index(agent)]
+        heard = graph.in_neighbours(agent)
+        return cls(
+            receives_from=heard,
+            sends_to=graph.out_neighbours(agent),
+            weights={j: float(row[graph.agents.index(j)]) for j in sorted((agent, *heard))},
+            diameter=graph.diameter,
+            doubly_stochastic=bool(np.allclose(weights.sum(axis=0), 1.0, rtol=0.0, atol=1e-12)),
+        )
+
+
+def metropolis(graph: Graph) -> Array:
+    """Metropolis weights w_ij = 1 / (1 + max(d_i, d_j)), w_ii = 1 - sum_j w_ij. Doubly stochastic.
+
+    Source: Xiao, Boyd, Lall, "Distributed average consensus with time-varying Metropolis weights", 2006.
+
+    Raises:
+        TopologyError: The graph has a link without its opposite.
+    """
+    if not graph.undirected:
+        i, j = min(link for link in graph.links if link[::-1] not in graph.links)
+        raise TopologyError(
+            f"Metropolis weights need an undirected graph, and link {i} -> {j} has no opposite; use weights = 'uniform'"
+        )
+    degree = {agent: len(graph.in_neighbours(agent)) for agent in graph.agents}
+    column = {agent: place for place, agent in enumerate(graph.agents)}
+    matrix = np.zeros((len(graph.agents), len(graph.agents)))
+    for row, i in enumerate(graph.agents):
+        for j in graph.in_neighbours(i):
+            matrix[row, column[j]] = 1.0 / (1.0 + max(degree[i], degree[j]))
+        matrix[row, row] = 1.0 - matrix[row].sum()
+    return matrix
+
+
+def uniform(graph: Graph) -> Array:
+    """Equal weights 1 / (1 + in-degree) on an agent and all it hears. Row-stochastic on any graph."""
+    column = {agent: place for place, agent in enumerate(graph.agents)}
+    matrix = np.zeros((len(graph.agents), len(graph.agents)))
+    for row, i in enumerate(graph.agents):
+        heard = (i, *graph.in_neighbours(i))
+        for j in heard:
+            matrix[row, column[j]] = 1.0 / len(heard)
+    return matrix
+
+
+WEIGHTS = {"metropolis": metropolis, "uniform": uniform}

@@ -1,0 +1,112 @@
+"""What a plant is: the body an agent senses and acts on."""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+
+
+def read_only(values: npt.ArrayLike) -> Array:
+    """A float64 copy of `values` that nobody can change."""
+    array = np.array(values, dtype=np.float64)
+    array.setflags(write=False)
+    return array
+
+
+def nothing() -> Array:
+    """An array without entries."""
+    return read_only([])
+
+
+@dataclass(frozen=True, slots=True)
+class State:
+    """What an agent knows of its own body at one instant, world frame.
+
+    Attributes:
+        position: Shape (d,), in m; d is 2 or 3, and 0 for an agent without a plant.
+        velocity: Shape (d,), in m/s.
+    """
+
+    position: Array = field(default_factory=nothing)
+    velocity: Array = field(default_factory=nothing)
+
+    @property
+    def vector(self) -> Array:
+        """Position and velocity in one array, shape (2d,)."""
+        return np.concatenate((self.position, self.velocity))
+
+
+@dataclass(frozen=True, slots=True)
+class Setpoint:
+    """What a controller asks of a plant, world frame. A plant follows the fields that it can track.
+
+    Attributes:
+        position: Shape (d,), in m.
+        velocity: Shape (d,), in m/s.
+        acceleration: Shape (d,), in m/s², held until the next setpoint. None means: come to rest as fast
+            as the body can, and stay.
+    """
+
+    position: Array = field(default_factory=nothing)
+    velocity: Array = field(default_factory=nothing)
+    acceleration: Array | None = field(default_factory=nothing)
+
+    @classmethod
+    def hold(cls, state: State) -> "Setpoint":
+        """Come to rest near where `state` is."""
+        return cls(state.position, np.zeros_like(state.velocity), None)
+
+    @property
+    def vector(self) -> Array:
+        """Position, velocity and acceleration in one array, shape (3d,); NaN where there is no acceleration."""
+        acceleration = np.full_like(self.velocity, np.nan) if self.acceleration is None else self.acceleration
+        return np.concatenate((self.position, self.velocity, acceleration))
+
+
+class Plant(ABC):
+    """The body of one agent, simulated or real.
+
+    Time is an argument, in ns since the fleet's start: a simulated plant integrates itself up to `now`, real
+    hardware ignores it. So one class serves both clocks, and a setpoint that arrives late acts late.
+
+    A constructor's positional parameters are filled in by name from what the framework knows of the agent:
+    `agent` (id), `start` (position, shape (d,), m), `sample_time` (s), `rng` (numpy Generator, seeded from the
+    fleet's seed and the agent's id). Its keyword-only parameters are the keys of its table in a fleet file.
+    """
+
+    def prepare(self) -> None:
+        """Connect and check; nothing moves. Called once, before any other method."""
+
+    def start(self, now: int) -> None:
+        """Get ready to follow setpoints (take off, for a drone)."""
+
+    @abstractmethod
+    def sense(self, now: int) -> State:
+        """The state at `now`. Instants never decrease over the life of a plant."""
+
+    @abstractmethod
+    def act(self, setpoint: Setpoint, now: int) -> None:
+        """Follow `setpoint` from `now` on."""
+
+    def finish(self, now: int, reason: str) -> None:
+        """Come to rest (land, for a drone), because of `reason`."""
+
+    def close(self) -> None:
+        """Release what `prepare` took. Safe to call twice, and after a failed `prepare`."""
+
+    def emergency_stop(self) -> None:
+        """Stop all motion at once. Callable from any thread, never through the agent's loop."""
+
+
+class NoPlant(Plant):
+    """The plant of an agent that only computes: nothing to sense, nothing to act on."""
+
+    def sense(self, now: int) -> State:
+        """An empty state."""
+        return State()
+
+    def act(self, setpoint: Setpoint, now: int) -> None:
+        """Nothing to do."""

@@ -1,0 +1,114 @@
+"""Plug-ins that are files: imported once, or looked at without running them."""
+
+import ast
+import hashlib
+import importlib.abc
+import importlib.util
+import sys
+import traceback
+from pathlib import Path
+from types import ModuleType
+from typing import Any, cast
+
+from dcf_zenoh.errors import PluginError
+from dcf_zenoh.schema import REQUIRED, Parameter, Schema
+from dcf_zenoh.wording import listed, nearest, reason
+
+
+def split(kind: str) -> tuple[str, str] | None:
+    """File and name of a kind such as ``./file.py:Name``; None for the others."""
+    file, _, name = kind.rpartition(":")
+    return (file, name) if file.endswith(".py") else None
+
+
+def import_file(path: Path, kind: str) -> ModuleType:
+    """Import a file, once for each path and content.
+
+    Args:
+        path: The file.
+        kind: What asks for it, for messages.
+
+    Raises:
+        PluginError: It is not there, or raises an exception.
+    """
+    content = _read(path, kind)
+    path = path.resolve()
+    digest = hashlib.sha256(bytes(path) + b"\0" + content).hexdigest()[:16]
+    name = f"dcf_zenoh_plugin_{path.stem}_{digest}"
+    if name in sys.modules:
+        return sys.modules[name]
+    loader = _Source(path, content)
+    spec = importlib.util.spec_from_file_location(name, path, loader=loader)
+    assert spec is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module  # dataclasses and annotations look their module up there
+    try:
+        loader.exec_module(module)
+    except (Exception, SystemExit) as error:  # a script exits
+        del sys.modules[name]
+        lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == str(path)]
+        at = f", line {lines[-1]}" if lines else ""
+        raise PluginError(f"{kind}: importing {path}{at} failed: {reason(error)}") from error
+    return module
+
+
+def peek(kind: str, folder: Path) -> Schema | None:
+    """The keys of a plug-in in a file, read from its text: nothing of it runs.
+
+    Types are not resolved. None if they cannot be told without running: a class without a constructor of its own,
+    or a name that is imported or assigned.
+
+    Raises:
+        PluginError: The file is not there or is not Python, or nothing of that name is defined in it.
+    """
+    file, name = split(kind) or ("", "")
+    path = folder / file
+    try:
+        tree = ast.parse(_read(path, kind), str(path))
+    except (SyntaxError, ValueError) as error:
+        raise PluginError(f"{kind}: {path} is not Python: {reason(error)}") from error
+    defined = {node.name: node for node in tree.body if isinstance(node, ast.ClassDef | ast.FunctionDef)}
+    if name not in defined:
+        if name in _bound(tree):
+            return None
+        raise PluginError(f"{kind}: {path} has no {name!r}{nearest(name, defined)} it defines: {listed(defined)}")
+    node: ast.stmt = defined[name]
+    if isinstance(node, ast.ClassDef):
+        constructors = [each for each in node.body if isinstance(each, ast.FunctionDef) and each.name == "__init__"]
+        if not constructors:
+            return None
+        node = constructors[0]
+    arguments = cast(ast.FunctionDef, node).args
+    pairs = zip(arguments.kwonlyargs, arguments.kw_defaults, strict=True)
+    return Schema(name, tuple(Parameter(arg.arg, Any, default or REQUIRED) for arg, default in pairs))
+
+
+def _bound(tree: ast.Module) -> set[str]:
+    """Names that something in the file assigns or imports."""
+    names = {node.id for node in ast.walk(tree) if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)}
+    aliases = [
+        alias for node in ast.walk(tree) if isinstance(node, ast.Import | ast.ImportFrom) for alias in node.names
+    ]
+    nested = {node.name for node in ast.walk(tree) if isinstance(node, ast.ClassDef | ast.FunctionDef)}
+    return names | nested | {alias.asname or alias.name for alias in aliases}
+
+
+class _Source(importlib.abc.SourceLoader):
+    """Compiles bytes already read: what runs is what was hashed, and no ``__pycache__`` is left behind."""
+
+    def __init__(self, path: Path, content: bytes) -> None:
+        self._path = str(path)
+        self._content = content
+
+    def get_filename(self, fullname: str) -> str:  # noqa: ARG002
+        return self._path
+
+    def get_data(self, path: str) -> bytes:  # noqa: ARG002
+        return self._content
+
+
+def _read(path: Path, kind: str) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise PluginError(f"{kind}: cannot read {path}: {error.strerror}") from error

@@ -1,0 +1,227 @@
+"""Agents change places in the plane, each predicting its own motion, none closer to another than a diamond."""
+
+from collections.abc import Mapping, Sequence
+from itertools import combinations
+
+import numpy as np
+from scipy.linalg import solve_discrete_are
+
+from dcf_zenoh.plant import Array, Setpoint, State, read_only
+
+SAME_COORDINATE = 1e-9  # m; closer than this, positions are equal and the lower id counts as the greater
+
+
+def _square(values: float | Sequence[float], size: int, name: str) -> Array:
+    """A diagonal matrix from a number or its diagonal."""
+    diagonal = np.broadcast_to(np.asarray(values, dtype=np.float64), (size,)) if np.ndim(values) == 0 else values
+    if np.shape(diagonal) != (size,) or min(diagonal) < 0:
+        raise ValueError(f"{name} must be a number >= 0 or {size} of them, not {values}")
+    return np.diag(diagonal)
+
+
+class PositionSwap:
+    """The aggregative game of the paper, posed anew at every control step.
+
+    Each agent is a double integrator and predicts it over `horizon` steps of its input u (planar accelerations, in
+    order of time, shape (2 H,)). It pays for the distance to its target and for effort, and for the distance of
+    the fleet's mean end position from `gather_at`. Every pair of agents shares `horizon` barrier constraints.
+
+    Args:
+        agent: Id of this agent.
+        agents: Ids of all agents, ascending.
+        sample_time: t_s, in s.
+        target: Where this agent wants to be, shape (2,), in m.
+        horizon: H, in steps.
+        accel_max: Bound on each component of the acceleration, in m/s².
+        radii: Half axes r1, r2 of the diamond-shaped safety region, in m.
+        barrier_decay: gamma of the discrete barrier condition, in (0, 1].
+        state_weight: Q: a number, or the diagonal for [px, py, vx, vy].
+        input_weight: R: a number, or the diagonal for [ax, ay].
+        terminal_weight: beta, the weight of the terminal cost.
+        gather_weight: p_a, the weight of the mean end position.
+        gather_at: p_o, in m.
+
+    Raises:
+        ValueError: An argument is out of its range; the message says which.
+
+    Source: Memon et al., Section IV; barrier constraints after do Nascimento, Papachristodoulou, Margellos, CDC 2023.
+    """
+
+    def __init__(
+        self,
+        agent: int,
+        agents: tuple[int, ...],
+        sample_time: float,
+        *,
+        target: tuple[float, ...],
+        horizon: int = 3,
+        accel_max: float = 2.0,
+        radii: tuple[float, float] = (0.5, 0.25),
+        barrier_decay: float = 0.1,
+        state_weight: float | tuple[float, ...] = 5.0,
+        input_weight: float | tuple[float, ...] = 2.0,
+        terminal_weight: float = 1.5,
+        gather_weight: float = 1.0,
+        gather_at: tuple[float, float] = (0.0, 0.0),
+    ) -> None:
+        for name, value in (("horizon", horizon), ("accel_max", accel_max), ("radii", min(radii))):
+            if not value > 0:
+                raise ValueError(f"{name} must be positive, not {value}")
+        if not 0 < barrier_decay <= 1:
+            raise ValueError(f"barrier_decay must be in (0, 1], not {barrier_decay}")
+        if len(target) < 2:
+            raise ValueError(f"target must be [x, y] in m, not {list(target)}")
+        self.agent = agent
+        self.agents = agents
+        self.horizon = horizon
+        self.accel_max = accel_max
+        self.radii = radii
+        self.barrier_decay = barrier_decay
+        self.sample_time = sample_time
+        self.target = read_only(target[:2])
+        self.gather_at = read_only(gather_at)
+        self.pairs = tuple(combinations(agents, 2))
+        self.rows = len(self.pairs) * horizon
+
+        # Double integrator, eq. (1): z[l] = A^l z[0] + G_l u.
+        self.powers, self.lifts = _lift(sample_time, horizon)
+        Q = _square(state_weight, 4, "state_weight")
+        R = _square(input_weight, 2, "input_weight")
+        A, B = self.powers[1], self.lifts[1][:, :2]
+        P = terminal_weight * solve_discrete_are(A, B, Q, R)
+        stages = [(G, Q, power) for G, power in zip(self.lifts[:-1], self.powers[:-1], strict=True)]
+        stages.append((self.lifts[-1], P, self.powers[-1]))
+        # f(u) = u' M u + 2 g' u with g = linear @ (z - target); the stage at l = 0 does not depend on u.
+        self.quadratic = np.kron(np.eye(horizon), R) + sum(G.T @ W @ G for G, W, _ in stages)
+        self.linear = sum(G.T @ W @ power for G, W, power in stages)
+        self.end_map = self.lifts[-1][:2]  # Phi: u -> end position
+        self.end_free = self.powers[-1][:2]  # state -> end position without input
+        self.gather_map = (2 * gather_weight / len(agents) ** 2) * self.end_map.T
+
+        # h[l+1] >= (1 - gamma) h[l] along the prediction, as rows on the position difference of a pair.
+        keep = 1 - barrier_decay
+        self.barrier_input = [
+            (self.lifts[step + 1] - keep * self.lifts[step])[:2] for step in range(horizon)
+        ]
+        self.barrier_state = [
+            (self.powers[step + 1] - keep * self.powers[step])[:2] for step in range(horizon)
+        ]
+        self.row_scale = self._row_scale()
+        for array in (self.quadratic, self.linear, self.gather_map, *self.barrier_input, *self.barrier_state):
+            array.setflags(write=False)
+
+    def _row_scale(self) -> Array:
+        """1 / sqrt(2 r (2M)^-1 r') for each row: the dual of a scaled row has unit curvature. Sign-independent."""
+        weights = np.array([1 / self.radii[0], 1 / self.radii[1]])
+        inverse = np.linalg.inv(2 * self.quadratic)
+        rows = [weights @ matrix for matrix in self.barrier_input]
+        return np.array([1 / np.sqrt(2 * row @ inverse @ row) for row in rows])
+
+    def distance_to_go(self, state: State) -> float:
+        """Distance to the target in the plane, in m."""
+        return float(np.hypot(*(state.position[:2] - self.target)))
+
+    def at(self, states: Mapping[int, Array]) -> "SwapGame":
+        """The game of one control step.
+
+        Args:
+            states: Agent -> [position, velocity], shape (2 d,) with d 2 or 3, of every agent.
+        """
+        planar = {}
+        for agent, state in states.items():
+            half = len(state) // 2
+            planar[agent] = np.array([*state[:2], *state[half : half + 2]])
+        return SwapGame(self, planar)
+
+
+class SwapGame:
+    """One agent's view of the game of one control step.
+
+    Local cost f(u) = u'Mu + 2g'u, contribution phi(u) = Phi u + phi0 to the mean end position sigma, box
+    |u| <= accel_max, and its share A u - b of the coupling constraints sum_i (A_i u_i - b_i) <= 0, whose rows are
+    ordered by pair of ids, then by stage.
+
+    Attributes:
+        A: Shape (rows, 2 H).
+        b: Shape (rows,).
+        rows: Number of coupling constraints.
+    """
+
+    def __init__(self, problem: PositionSwap, states: Mapping[int, Array]) -> None:
+        self._problem = problem
+        self._state = states[problem.agent]
+        deviation = self._state - np.array([*problem.target, 0.0, 0.0])
+        self._hessian = 2 * problem.quadratic
+        self._slope = 2 * problem.linear @ deviation
+        self._end_free = problem.end_free @ self._state
+        self.rows = problem.rows
+        self.A, self.b = self._barriers(states)
+
+    def _barriers(self, states: Mapping[int, Array]) -> tuple[Array, Array]:
+        """This agent's share of the barrier rows, with signs held from the measured positions.
+
+        With w = (s_x / r1, s_y / r2) and delta the position difference of a pair, the barrier
+        h = |delta_x| / r1 + |delta_y| / r2 - 1 is at least w . delta - 1, and the rows keep
+        w . (delta[l+1] - (1 - gamma) delta[l]) - gamma >= 0, half of gamma charged to each of the two.
+        """
+        problem = self._problem
+        A, b = np.zeros((self.rows, 2 * problem.horizon)), np.zeros(self.rows)
+        for pair, (i, j) in enumerate(problem.pairs):
+            if problem.agent not in (i, j):
+                continue
+            apart = states[i][:2] - states[j][:2]
+            signs = np.where(apart > -SAME_COORDINATE, 1.0, -1.0)
+            w = (1.0 if problem.agent == i else -1.0) * signs / np.array(problem.radii)
+            for stage in range(problem.horizon):
+                row, scale = pair * problem.horizon + stage, problem.row_scale[stage]
+                A[row] = -scale * (w @ problem.barrier_input[stage])
+                b[row] = scale * (w @ problem.barrier_state[stage] @ self._state - problem.barrier_decay / 2)
+        return A, b
+
+    def start(self, last: Array | None) -> Array:
+        """Where to start the iteration: the last plan moved on by one stage, or no input at all."""
+        if last is None:
+            return np.zeros(2 * self._problem.horizon)
+        return np.concatenate((last[2:], last[-2:]))
+
+    def contribution(self, u: Array) -> Array:
+        """phi(u): predicted end position, shape (2,), in m."""
+        return self._problem.end_map @ u + self._end_free
+
+    def coupling(self, u: Array) -> Array:
+        """A u - b, shape (rows,)."""
+        return self.A @ u - self.b
+
+    def gradient(self, u: Array, sigma: Array) -> Array:
+        """Pseudo-gradient 2Mu + 2g + (2 p_a / N²) Phi'(sigma - p_o), shape (2 H,).
+
+        p_a / N comes from the cost and 1 / N from sigma's dependence on u, as in Carnevale et al., eq. (3).
+        """
+        return self._hessian @ u + self._slope + self._problem.gather_map @ (sigma - self._problem.gather_at)
+
+    def project(self, u: Array) -> Array:
+        """Nearest input within the bound."""
+        bound = self._problem.accel_max
+        return np.minimum(np.maximum(u, -bound), bound)
+
+    def setpoint(self, decision: Array, stage: int) -> Setpoint | None:
+        """Acceleration of `stage`, and the predicted position and velocity at the stage's end."""
+        problem = self._problem
+        if stage >= problem.horizon:
+            return None
+        ahead = problem.powers[stage + 1] @ self._state + problem.lifts[stage + 1] @ decision
+        return Setpoint(ahead[:2], ahead[2:], decision[2 * stage : 2 * stage + 2])
+
+
+def _lift(sample_time: float, horizon: int) -> tuple[list[Array], list[Array]]:
+    """Powers A^l and lifted input matrices G_l of the planar double integrator, l = 0 .. horizon."""
+    eye, zero = np.eye(2), np.zeros((2, 2))
+    A = np.block([[eye, sample_time * eye], [zero, eye]])
+    B = np.vstack((sample_time**2 / 2 * eye, sample_time * eye))
+    powers, lifts = [np.eye(4)], [np.zeros((4, 2 * horizon))]
+    for step in range(horizon):
+        powers.append(A @ powers[-1])
+        lift = A @ lifts[-1]
+        lift[:, 2 * step : 2 * step + 2] += B
+        lifts.append(lift)
+    return powers, lifts

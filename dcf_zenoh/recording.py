@@ -1,0 +1,185 @@
+"""The log of an agent: an append-only msgpack stream, and its reader.
+
+The first object of a stream is the header, a map; then one array per control step, in the order of `StepRecord`'s
+fields; last a map, the end. A stream that was cut off anywhere is read up to its last whole object. A run directory
+holds one stream per agent beside ``fleet.toml`` (the resolved fleet), ``run.json`` and copies of plug-in files.
+"""
+
+import platform
+from collections.abc import Callable, Iterator, Mapping
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, BinaryIO, NamedTuple
+
+import msgpack
+import numpy as np
+
+from dcf_zenoh.controllers.controller import Decision
+from dcf_zenoh.errors import RecordingError
+from dcf_zenoh.exchange import Outcome
+from dcf_zenoh.plant import Setpoint, State
+
+SCHEMA = 1
+
+
+def log_name(agent: int) -> str:
+    """File name of an agent's stream."""
+    return f"agent-{agent}.msgpack"
+
+
+class StepRecord(NamedTuple):
+    """One control step of one agent. Times in ns; fleet time unless said otherwise.
+
+    Attributes:
+        step: Control step k.
+        sensed: When the state was measured.
+        state: Position and velocity, m and m/s.
+        acted: When the setpoint went to the plant: end of the negotiation.
+        setpoint: Position, velocity, acceleration as flown; NaN for no acceleration (come to rest).
+        decision: The algorithm's decision.
+        rounds: Communication rounds.
+        residual: The agent's own residual in the last round.
+        stopped_by: What ended the rounds; see `Outcome`, or 'abstained'.
+        late: The step overran: not its own decision flew, but what the fleet file says for that case.
+        compute: Real time spent in the algorithm.
+        links: Per neighbour: id, received, missing, late.
+        log: Per round, if asked for: payload, residual, arrivals, noted; see `RoundRecord`.
+        remark: What else there is to say.
+    """
+
+    step: int
+    sensed: int
+    state: list[float]
+    acted: int
+    setpoint: list[float]
+    decision: list[float]
+    rounds: int
+    residual: float
+    stopped_by: str
+    late: bool
+    compute: int
+    links: list[tuple[int, int, int, int]]
+    log: list[Any]
+    remark: str = ""
+
+    @classmethod
+    def of(
+        cls, step: int, sensed: int, state: State, setpoint: Setpoint, outcome: Outcome[Decision], *, late: bool
+    ) -> "StepRecord":
+        """The record of a step that was negotiated."""
+        return cls(
+            step=step,
+            sensed=sensed,
+            state=state.vector.tolist(),
+            acted=outcome.now,
+            setpoint=setpoint.vector.tolist(),
+            decision=outcome.result.value.ravel().tolist(),
+            rounds=outcome.rounds,
+            residual=outcome.residual,
+            stopped_by=outcome.stopped_by,
+            late=late,
+            compute=outcome.compute,
+            links=[(j, link.received, link.missing, link.late) for j, link in outcome.links.items()],
+            log=list(outcome.log),
+        )
+
+    @classmethod
+    def abstained(cls, step: int, sensed: int, state: State, setpoint: Setpoint, remark: str) -> "StepRecord":
+        """The record of a step in which the agent took no part."""
+        return cls(
+            step, sensed, state.vector.tolist(), sensed, setpoint.vector.tolist(), [], 0, float("inf"), "abstained",
+            False, 0, [], [], remark,
+        )  # fmt: skip
+
+
+def _plain(value: object) -> object:
+    """Arrays and numpy numbers as lists and numbers, for msgpack."""
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    if isinstance(value, Mapping):
+        return dict(value)
+    raise TypeError(f"cannot record {type(value).__name__} {value!r:.60}")
+
+
+class Recorder:
+    """Writes one agent's stream; every object is handed to the operating system at once.
+
+    Args:
+        stream: Open for writing bytes.
+        agent: Id.
+        about: What else the header says: fleet, run, seed, clock.
+        observe: Told of every record once it is written.
+    """
+
+    def __init__(
+        self,
+        stream: BinaryIO,
+        agent: int,
+        about: Mapping[str, Any],
+        observe: Callable[[StepRecord], None] = lambda _record: None,
+    ) -> None:
+        self._stream = stream
+        self._observe = observe
+        packages = ("dcf-zenoh", "numpy", "eclipse-zenoh", "msgpack", "osqp", "scipy")
+        self._write(
+            {
+                "schema": SCHEMA,
+                "agent": agent,
+                **about,
+                "started": datetime.now(UTC).isoformat(),
+                "python": platform.python_version(),
+                "versions": {name: version(name) for name in packages},
+                "processor": f"{platform.machine()} {platform.processor()}".strip(),
+                "system": platform.platform(),
+                "fields": StepRecord._fields,
+            }
+        )
+
+    def step(self, record: StepRecord) -> None:
+        """Append one control step."""
+        self._write(record)
+        self._observe(record)
+
+    def end(self, reason: str, now: int, state: State, remark: str = "", counts: Mapping[str, int] | None = None) -> None:
+        """Append the end: its reason, the fleet time in ns and the last state."""
+        self._write(
+            {"end": reason, "time": now, "state": state.vector.tolist(), "remark": remark, "counts": dict(counts or {})}
+        )
+
+    def _write(self, item: object) -> None:
+        try:
+            self._stream.write(msgpack.packb(item, default=_plain))
+            self._stream.flush()
+        except OSError as error:
+            raise RecordingError(f"cannot write the log: {error}") from error
+
+
+def read_stream(data: bytes, source: str) -> Iterator[Any]:
+    """The whole objects of a stream; one that was cut off in the middle is left out.
+
+    Raises:
+        RecordingError: `data` is no msgpack stream.
+    """
+    unpacker = msgpack.Unpacker(max_buffer_size=0, strict_map_key=False)
+    unpacker.feed(data)
+    try:
+        yield from unpacker
+    except (ValueError, msgpack.UnpackException) as error:
+        raise RecordingError(f"{source}: not a log: {error}") from error
+
+
+def open_log(directory: Path, agent: int) -> BinaryIO:
+    """A new stream in a run directory.
+
+    Raises:
+        RecordingError: It cannot be written, or is there already.
+    """
+    path = directory / log_name(agent)
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+        return path.open("xb")
+    except FileExistsError:
+        raise RecordingError(f"{path}: there is a log already; choose another directory with --out") from None
+    except OSError as error:
+        raise RecordingError(f"{path}: cannot be written: {error.strerror}") from error

@@ -1,0 +1,42 @@
+"""What an agent's loop asks of its runner. The loop itself does no I/O and reads no clock.
+
+A runner resumes the loop with the fleet time, an integer number of ns since the start.
+"""
+
+from collections.abc import Generator
+from typing import NamedTuple, TypeAlias, TypeVar
+
+from dcf_zenoh.messaging.message import Message
+
+NEVER = 2**62
+
+
+class Publish(NamedTuple):
+    """Hand `message` to the out-neighbour `receiver`, or to all of them."""
+
+    message: Message
+    receiver: int | None = None
+
+
+class Wait(NamedTuple):
+    """Go on at `until`, or as soon as each of `senders` has been heard up to `round` of `step`.
+
+    On the wall clock whichever comes first ends the wait. In virtual time knowledge comes first: with `senders` the
+    runner waits for their messages and no model time passes; without, time moves to `until`.
+    """
+
+    until: int
+    senders: tuple[int, ...] = ()
+    step: int = 0
+    round: int = 0
+
+
+class Start(NamedTuple):
+    """The fleet starts now: its time 0 is this instant, in ns UTC. Virtual time has no use for it."""
+
+    instant: int
+
+
+Request: TypeAlias = Publish | Wait | Start
+R = TypeVar("R")
+Loop: TypeAlias = Generator[Request, int, R]

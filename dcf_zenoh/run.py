@@ -1,0 +1,307 @@
+"""A finished (or broken-off) run as arrays to plot and compare."""
+
+import hashlib
+import json
+import struct
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import combinations
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from dcf_zenoh.config import load
+from dcf_zenoh.errors import RecordingError
+from dcf_zenoh.plant import Array, read_only
+from dcf_zenoh.plugins import is_built_in
+from dcf_zenoh.plugins import load as load_plugin
+from dcf_zenoh.recording import SCHEMA, StepRecord, log_name, read_stream
+from dcf_zenoh.schema import accepted
+from dcf_zenoh.spec import FleetSpec
+
+Integers = npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class AgentLog:
+    """What one agent recorded: K whole steps. Times in s of fleet time, arrays read-only.
+
+    Attributes:
+        agent: Id.
+        header: First object of the log: versions, processor, schema.
+        step: Step numbers, shape (K,).
+        sensed: When the state was measured, shape (K,).
+        state: Position and velocity, shape (K, 2 d), m and m/s.
+        acted: When the setpoint went to the plant, shape (K,).
+        setpoint: Position, velocity, acceleration, shape (K, 3 d).
+        decision: The algorithm's decision, shape (K, n); NaN in steps without one.
+        rounds: Rounds per step, shape (K,).
+        residual: Own residual of the last round, shape (K,).
+        stopped_by: What ended the rounds, K words; see `Outcome`.
+        late: Whether the step overran, shape (K,).
+        compute: Real time spent in the algorithm, s, shape (K,).
+        links: Neighbour -> messages received, missing, late per step, shape (K, 3).
+        rounds_log: Per step the records of its rounds (`RoundRecord` as a list); empty without ``log.rounds``.
+        remarks: K remarks.
+        end: How it ended: 'end' (reason), 'time' (ns), 'state', 'counts', 'remark'; None if the log was cut off.
+    """
+
+    agent: int
+    header: Mapping[str, Any]
+    step: Integers
+    sensed: Array
+    state: Array
+    acted: Array
+    setpoint: Array
+    decision: Array
+    rounds: Integers
+    residual: Array
+    stopped_by: tuple[str, ...]
+    late: npt.NDArray[np.bool_]
+    compute: Array
+    links: Mapping[int, Integers]
+    rounds_log: tuple[list[Any], ...]
+    remarks: tuple[str, ...]
+    end: Mapping[str, Any] | None
+
+    @property
+    def negotiation(self) -> Array:
+        """Fleet time from sensing to acting, s, shape (K,): computation and waiting, the whole of steps 1 and 2."""
+        return self.acted - self.sensed
+
+    @property
+    def path(self) -> Array:
+        """Positions, the last one included where the log has its end, shape (K or K+1, d), m."""
+        states = self.state if self.end is None else np.vstack((self.state, self.end["state"]))
+        return states[:, : states.shape[1] // 2]
+
+    @classmethod
+    def read(cls, data: bytes, source: str) -> "AgentLog":
+        """Read a stream up to its last whole record.
+
+        Raises:
+            RecordingError: It is no log, or one of another schema.
+        """
+        items = list(read_stream(data, source))
+        if not items or not isinstance(items[0], dict) or "schema" not in items[0]:
+            raise RecordingError(f"{source}: not a log of an agent: it has no header")
+        header = items[0]
+        if header["schema"] != SCHEMA:
+            raise RecordingError(f"{source}: log schema {header['schema']}; this version reads {SCHEMA}")
+        steps = [StepRecord(*item) for item in items[1:] if isinstance(item, list)]
+        ends = [item for item in items[1:] if isinstance(item, dict)]
+        neighbours = sorted({link[0] for record in steps for link in record.links})
+        counts = {j: np.zeros((len(steps), 3), dtype=np.int64) for j in neighbours}
+        for row, record in enumerate(steps):
+            for j, *numbers in record.links:
+                counts[j][row] = numbers
+        return cls(
+            agent=header["agent"],
+            header=header,
+            step=np.array([r.step for r in steps], dtype=np.int64),
+            sensed=read_only([r.sensed * 1e-9 for r in steps]),
+            state=_table([r.state for r in steps]),
+            acted=read_only([r.acted * 1e-9 for r in steps]),
+            setpoint=_table([r.setpoint for r in steps]),
+            decision=_table([r.decision for r in steps]),
+            rounds=np.array([r.rounds for r in steps], dtype=np.int64),
+            residual=read_only([r.residual for r in steps]),
+            stopped_by=tuple(r.stopped_by for r in steps),
+            late=np.array([r.late for r in steps], dtype=np.bool_),
+            compute=read_only([r.compute * 1e-9 for r in steps]),
+            links=counts,
+            rounds_log=tuple(r.log for r in steps),
+            remarks=tuple(r.remark for r in steps),
+            end=ends[-1] if ends else None,
+        )
+
+
+@dataclass(frozen=True)
+class Run:
+    """All agents' logs of one run, and the fleet that made them.
+
+    Attributes:
+        name: Name of the run.
+        fleet: The resolved fleet.
+        agents: Id -> log, ascending.
+        folder: The run directory; None for a run that was only kept in memory.
+    """
+
+    name: str
+    fleet: FleetSpec
+    agents: Mapping[int, AgentLog]
+    folder: Path | None = None
+
+    @classmethod
+    def read(cls, folder: str | Path) -> "Run":
+        """Read a run directory.
+
+        Raises:
+            RecordingError: It is none, or holds no log at all.
+            ConfigurationError: Its fleet file cannot be read.
+        """
+        folder = Path(folder)
+        if not (folder / "fleet.toml").is_file():
+            raise RecordingError(f"{folder}: not a run directory: it has no fleet.toml")
+        fleet = load(folder / "fleet.toml", run_plugins=False).spec
+        found = {i: folder / log_name(i) for i in fleet.ids if (folder / log_name(i)).is_file()}
+        if not found:
+            raise RecordingError(
+                f"{folder}: not one log of agents {list(fleet.ids)}; expected files like {log_name(1)}"
+            )
+        logs = {i: AgentLog.read(path.read_bytes(), str(path)) for i, path in found.items()}
+        return cls(folder.resolve().name, fleet, logs, folder)
+
+    @property
+    def about(self) -> Mapping[str, Any]:
+        """What the launcher noted of the run (``run.json``); empty if there is none."""
+        path = None if self.folder is None else self.folder / "run.json"
+        if path is None or not path.is_file():
+            return {}
+        found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        return found
+
+    @cached_property
+    def steps(self) -> int:
+        """Steps that every agent has recorded."""
+        return min(len(log.step) for log in self.agents.values())
+
+    @cached_property
+    def time(self) -> Array:
+        """Nominal instants t_k of the steps all agents have, s, shape (K,)."""
+        return read_only(np.arange(self.steps) * self.fleet.time.sample_time)
+
+    @cached_property
+    def positions(self) -> Array:
+        """Measured positions, shape (K, N, d), m, in the d dimensions that all agents have: 0 if any has no plant."""
+        d = min(log.path.shape[1] for log in self.agents.values())
+        return np.stack([log.path[: self.steps, :d] for log in self.agents.values()], axis=1)
+
+    @cached_property
+    def distances(self) -> Array:
+        """Distance of every pair of agents, pairs in order of ids, shape (K, pairs), m; no columns without plants."""
+        if not self.positions.size:
+            return np.empty((self.steps, 0))
+        pairs = list(combinations(range(len(self.agents)), 2))
+        gaps = [np.linalg.norm(self.positions[:, i] - self.positions[:, j], axis=1) for i, j in pairs]
+        return np.stack(gaps, axis=1) if gaps else np.empty((self.steps, 0))
+
+    @cached_property
+    def barriers(self) -> Array:
+        """Barrier values h = |dx| / r1 + |dy| / r2 - 1 of every pair, shape (K, pairs); no columns without safety radii.
+
+        Source: Memon et al., eq. (6).
+        """
+        radii = self.radii
+        if radii is None or not self.positions.size:
+            return np.empty((self.steps, 0))
+        pairs = list(combinations(range(len(self.agents)), 2))
+        apart = [abs(self.positions[:, i, :2] - self.positions[:, j, :2]) for i, j in pairs]
+        values = [gap[:, 0] / radii[0] + gap[:, 1] / radii[1] - 1 for gap in apart]
+        return np.stack(values, axis=1) if values else np.empty((self.steps, 0))
+
+    @cached_property
+    def radii(self) -> tuple[float, float] | None:
+        """Half axes of the diamond-shaped safety region, m, if the fleet file or a built-in problem names them."""
+        problem = self.fleet.problem
+        radii = problem.options.get("radii")
+        if radii is None and is_built_in("problems", problem.kind):
+            schema = accepted(load_plugin("problems", problem.kind, Path()))
+            radii = {each.name: each.default for each in schema.parameters}.get("radii")
+        return None if radii is None else (float(radii[0]), float(radii[1]))
+
+    @cached_property
+    def targets(self) -> Mapping[int, Array]:
+        """Agent -> target, m, of the agents that have one."""
+        found = {i: self.fleet.agent(i).problem.options.get("target") for i in self.agents}
+        return {i: read_only(target) for i, target in found.items() if target is not None}
+
+    @cached_property
+    def arrival_time(self) -> float | None:
+        """Since when all agents have been near their targets, if they stayed so for as long as the fleet asks."""
+        rule = self.fleet.time.arrived
+        if rule is None or set(self.targets) != set(self.agents) or not self.steps:
+            return None
+        goals = np.stack([self.targets[i] for i in self.agents])
+        near = (np.linalg.norm(self.positions[..., : goals.shape[1]] - goals, axis=2) <= rule.within).all(axis=1)
+        since = None
+        for instant, close in zip(self.time, near, strict=True):
+            since = (instant if since is None else since) if close else None
+            if since is not None and instant - since >= rule.for_ - 1e-9:
+                return float(since)
+        return None
+
+    @cached_property
+    def digest(self) -> str:
+        """SHA-256 over what the agents did: states, setpoints, decisions and rounds of every step, no clock times."""
+        total = hashlib.sha256()
+        for agent, log in sorted(self.agents.items()):
+            total.update(struct.pack("<qq", agent, len(log.step)))
+            for table in (log.state, log.setpoint, log.decision):
+                total.update(np.ascontiguousarray(table, dtype="<f8").tobytes())
+            total.update(log.rounds.astype("<i8").tobytes())
+        return total.hexdigest()
+
+    @property
+    def complete(self) -> bool:
+        """Whether every agent recorded its end."""
+        return len(self.agents) == len(self.fleet.agents) and all(log.end for log in self.agents.values())
+
+    def summary(self) -> dict[str, Any]:
+        """The run in one flat object, as ``--json`` prints it."""
+        logs = self.agents.values()
+        received, missing, late = (
+            int(sum(counts[:, column].sum() for log in logs for counts in log.links.values())) for column in range(3)
+        )
+        plants = {spec.plant.kind if spec.plant else "none" for spec in map(self.fleet.agent, self.fleet.ids)}
+        return {
+            "fleet": self.fleet.name,
+            "run": self.name,
+            "clock": self.fleet.time.clock,
+            "plant": ", ".join(sorted(plants)),
+            "topology": self.fleet.topology.kind,
+            "agents": len(self.fleet.agents),
+            "steps": self.steps,
+            "arrived": self.arrival_time is not None,
+            "arrival_time": self.arrival_time,
+            "min_barrier": float(self.barriers.min()) if self.barriers.size else None,
+            "min_distance": float(self.distances.min()) if self.distances.size else None,
+            "rounds_per_step": _spread(np.concatenate([log.rounds for log in logs])),
+            "compute_ms": _spread(np.concatenate([log.compute for log in logs]) * 1e3),
+            "negotiation_ms": _spread(np.concatenate([log.negotiation for log in logs]) * 1e3),
+            "ended_by": dict(sorted(Counter(word for log in logs for word in log.stopped_by).items())),
+            "deadline_misses": int(sum(log.late.sum() for log in logs)),
+            "messages": {
+                "published": sum(log.end["counts"].get("published", 0) for log in logs if log.end),
+                "delivered": received + late,
+                "lost": 0,
+                "late": late,
+                "missing": missing,
+            },
+            "digest": self.digest,
+        }
+
+
+def _table(rows: list[list[float]]) -> Array:
+    """Rows of equal length as one array; empty ones, and missing ends, are NaN."""
+    width = max(map(len, rows), default=0)
+    table = np.full((len(rows), width), np.nan)
+    for row, values in zip(table, rows, strict=True):
+        row[: len(values)] = values
+    table.setflags(write=False)
+    return table
+
+
+def _spread(values: npt.NDArray[Any]) -> dict[str, float | None]:
+    """Median, 95th percentile and maximum."""
+    if not values.size:
+        return {"median": None, "p95": None, "max": None}
+    return {
+        "median": float(np.median(values)),
+        "p95": float(np.percentile(values, 95)),
+        "max": float(values.max()),
+    }

@@ -1,0 +1,222 @@
+"""What a fleet is: one frozen, validated object in the shape of the fleet file.
+
+`dcf_zenoh.config` reads fleet files into these; everything else only reads them. Durations are in s here and
+integer ns (`nanoseconds`) wherever time is computed with.
+"""
+
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+PositiveFloat = Annotated[float, Field(gt=0)]
+NonNegativeFloat = Annotated[float, Field(ge=0)]
+Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.-]*$", max_length=64)]
+AgentId = Annotated[int, Field(ge=0)]
+Vector = tuple[float, ...]
+
+
+def nanoseconds(seconds: float) -> int:
+    """The nearest whole number of ns."""
+    return round(seconds * 1e9)
+
+
+class Table(BaseModel):
+    """One table of a fleet file: known keys only, never changed."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, populate_by_name=True)
+
+
+class Kind(Table):
+    """A table that chooses a plug-in: `kind`, and the keyword-only arguments of its constructor."""
+
+    model_config = ConfigDict(frozen=True, extra="allow")
+
+    kind: str = Field(description="name of a built-in or installed kind, 'package.module:Name', or './file.py:Name'")
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """All keys but those of the framework."""
+        return dict(self.model_extra or {})
+
+    def with_options(self, changes: dict[str, Any]) -> "Kind":
+        """The same table with some options replaced."""
+        return self.model_copy(update=changes)
+
+
+class Topology(Kind):
+    """Who hears whom."""
+
+    kind: str = "complete"
+    weights: Literal["auto", "metropolis", "uniform"] = Field(
+        default="auto", description="mixing weights; auto: metropolis on undirected graphs, uniform on directed ones"
+    )
+
+
+class Arrived(Table):
+    """When an agent counts as arrived: so near its target for so long."""
+
+    within: PositiveFloat = Field(default=0.05, description="m")
+    for_: NonNegativeFloat = Field(default=1.0, alias="for", description="s")
+
+
+class Time(Table):
+    """The control loop's time."""
+
+    clock: Literal["wall", "virtual"] = Field(
+        default="virtual", description="real time, or time computed by the model alone"
+    )
+    sample_time: PositiveFloat = Field(default=0.2, description="control period t_s, s")
+    duration: PositiveFloat = Field(default=25.0, description="length of the run, s")
+    arrived: Arrived | None = Field(default=None, description="end the run early, when all agents have arrived")
+
+    @property
+    def steps(self) -> int:
+        """Number of control steps in `duration`."""
+        return max(1, round(self.duration / self.sample_time))
+
+
+class Rounds(Table):
+    """The rounds of a control step: how many, how long, when they end, what stands in for what is missing."""
+
+    mode: Literal["synchronous"] = "synchronous"
+    budget: PositiveFloat | None = Field(
+        default=None, description="s of each step for rounds; none: 3/4 of sample_time"
+    )
+    max_rounds: Annotated[int, Field(ge=1)] = 200
+    threshold: NonNegativeFloat = Field(
+        default=1e-3, description="the step ends when every agent's residual is below this"
+    )
+    round_timeout: PositiveFloat | None = Field(
+        default=None, description="longest wait for a round's messages, s; none: the budget"
+    )
+    missing: Literal["hold", "absent"] = Field(
+        default="hold", description="what an algorithm sees of a neighbour not heard in time"
+    )
+    late: Literal["previous_plan", "hold"] = Field(
+        default="previous_plan", description="what flies when a step overruns"
+    )
+    compute_time: NonNegativeFloat = Field(
+        default=0.0, description="s that a round's computation takes; virtual clock only"
+    )
+    margin: Annotated[int, Field(ge=0)] = Field(default=0, description="rounds between announcing the end and leaving")
+
+    def step_budget(self, sample_time: float) -> float:
+        """Seconds of each control step that rounds may take."""
+        return 0.75 * sample_time if self.budget is None else self.budget
+
+
+class Silence(Table):
+    """What happens when a neighbour is lost."""
+
+    after: PositiveFloat = Field(default=0.6, description="s without a message that make a neighbour lost")
+    then: Literal["stop", "hold"] = Field(
+        default="stop", description="end the run, or come to rest and stay until its end"
+    )
+
+
+class Safety(Table):
+    """Reactions to what must not happen."""
+
+    neighbour_silent: Silence = Field(default_factory=Silence)
+
+
+class Log(Table):
+    """What is recorded beyond one record per step."""
+
+    rounds: bool = Field(default=False, description="record payload, residual and arrivals of every round")
+
+
+class Network(Table):
+    """Zenoh: where agents listen, and any setting of Zenoh's own."""
+
+    base_port: Annotated[int, Field(ge=1024, le=65000)] = Field(
+        default=7450,
+        description="agent i listens on tcp/127.0.0.1:(base_port + i) unless it or the launcher says otherwise",
+    )
+    ready_timeout: PositiveFloat = Field(
+        default=30.0, description="longest wait for the neighbours before the start, s"
+    )
+    silence_timeout: PositiveFloat = Field(
+        default=10.0, description="virtual clock: real s without an awaited message that are an error"
+    )
+    settings: dict[str, Any] = Field(
+        default_factory=dict,
+        description="Zenoh configuration keys as paths ('transport/link/tx/lease') with their values",
+    )
+
+
+class Agent(Table):
+    """One agent and how it differs from the others."""
+
+    start: Vector | None = Field(default=None, description="position before the first step, m")
+    target: Vector | None = Field(default=None, description="short for problem.target, m")
+    plant: str | None = Field(default=None, description="name of its plant; none: the fleet's")
+    endpoint: str | None = Field(default=None, description="where it listens, such as 'tcp/192.168.1.11:7447'")
+    problem: dict[str, Any] = Field(default_factory=dict, description="keys of [problem] that differ for this agent")
+    plants: dict[str, dict[str, Any]] = Field(default_factory=dict, description="keys of [plants.NAME] that differ")
+
+
+@dataclass(frozen=True)
+class AgentSpec:
+    """One agent with all choices made.
+
+    Attributes:
+        id: The agent.
+        start: Position before the first step, m; empty without a plant.
+        plant: Kind and options of its plant; None for an agent that only computes.
+        problem: Kind and options of its share of the problem.
+    """
+
+    id: int
+    start: Vector
+    plant: Kind | None
+    problem: Kind
+
+
+class FleetSpec(Table):
+    """A fleet file, complete with all defaults."""
+
+    name: Name
+    seed: Annotated[int, Field(ge=0)] = 0
+    plant: str | None = Field(default=None, description="plant of every agent that names none")
+    time: Time = Field(default_factory=Time)
+    exchange: Rounds = Field(default_factory=Rounds)
+    topology: Topology = Field(default_factory=Topology)
+    problem: Kind
+    algorithm: Kind
+    algorithms: dict[str, Kind] = Field(default_factory=dict, description="others, chosen by --algorithm NAME")
+    controller: Kind | None = Field(default=None, description="none: receding_horizon with plants, solve_once without")
+    plants: dict[str, Kind] = Field(default_factory=dict, description="plants by name")
+    agents: Annotated[dict[AgentId, Agent], Field(min_length=1)]
+    safety: Safety = Field(default_factory=Safety)
+    log: Log = Field(default_factory=Log)
+    zenoh: Network = Field(default_factory=Network)
+
+    @property
+    def ids(self) -> tuple[int, ...]:
+        """All agents, ascending."""
+        return tuple(sorted(self.agents))
+
+    @property
+    def has_plants(self) -> bool:
+        """Whether anything moves."""
+        return self.plant is not None or any(own.plant is not None for own in self.agents.values())
+
+    @property
+    def steps(self) -> int:
+        """Number of control steps; a fleet without plants solves its problem once."""
+        return self.time.steps if self.has_plants else 1
+
+    @property
+    def controller_kind(self) -> Kind:
+        """The controller, chosen by whether there are plants where the file does not say."""
+        return self.controller or Kind(kind="receding_horizon" if self.has_plants else "solve_once")
+
+    def agent(self, agent: int) -> AgentSpec:
+        """The choices for one agent, overrides merged in."""
+        own = self.agents[agent]
+        problem = own.problem if own.target is None else {"target": own.target, **own.problem}
+        name = own.plant or self.plant
+        plant = None if name is None else self.plants[name].with_options(own.plants.get(name, {}))
+        return AgentSpec(agent, own.start or (), plant, self.problem.with_options(problem))

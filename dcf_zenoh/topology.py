@@ -1,0 +1,45 @@
+"""The communication graph of a fleet, drawn by its topology, and the mixing weights on it."""
+
+from pathlib import Path
+
+from dcf_zenoh.errors import PluginError, TopologyError
+from dcf_zenoh.graph import WEIGHTS, Graph
+from dcf_zenoh.plant import Array
+from dcf_zenoh.plugins import create, load
+from dcf_zenoh.spec import FleetSpec
+from dcf_zenoh.wording import reason
+
+
+def draw(spec: FleetSpec, folder: Path) -> Graph:
+    """Who hears whom.
+
+    Args:
+        spec: The fleet.
+        folder: What the path of a topology in a file is relative to.
+
+    Raises:
+        PluginError: The topology cannot be loaded, or refuses its options.
+        TopologyError: The links do not make a strongly connected graph on the agents.
+    """
+    topology = spec.topology
+    links = create(load("topologies", topology.kind, folder), {"agents": spec.ids}, topology.options, "topology")
+    try:
+        graph = Graph.of(spec.ids, links)
+    except TopologyError:
+        raise
+    except Exception as error:  # a generator fails only now
+        raise PluginError(f"topology: {topology.kind} refused its options: {reason(error)}") from error
+    _ = graph.diameter
+    return graph
+
+
+def weights_of(spec: FleetSpec, graph: Graph) -> Array:
+    """The mixing weights of a fleet on its graph, rows and columns in order of ids.
+
+    Raises:
+        TopologyError: Metropolis weights on a graph that is not undirected.
+    """
+    name = spec.topology.weights
+    if name == "auto":
+        name = "metropolis" if graph.undirected else "uniform"
+    return WEIGHTS[name](graph)

@@ -1,0 +1,86 @@
+"""The tables of a fleet file to a specification; what pydantic refuses, in the words of the fleet file."""
+
+import json
+from dataclasses import dataclass
+from types import NoneType, UnionType
+from typing import Annotated, Any, Union, get_args, get_origin
+
+from pydantic import ValidationError
+
+from dcf_zenoh.spec import FleetSpec, Table
+from dcf_zenoh.wording import Problems, expected, show, unknown_key
+
+
+def validate(table: dict[str, Any], problems: Problems) -> FleetSpec | None:
+    """The specification in `table`.
+
+    What is refused is added to `problems` and taken out of `table`, so that the rest can still be checked.
+
+    Returns:
+        None if there is nothing to go on with: what is required is not there.
+    """
+    for _ in range(3):
+        try:  # strict JSON is what TOML is: lists for tuples, and neither strings nor booleans for numbers
+            return FleetSpec.model_validate_json(json.dumps(table, default=str), strict=True)
+        except ValidationError as error:
+            for each in error.errors(include_url=False, include_context=False):
+                place = _find(each["loc"])
+                value = _take(table, place.path)
+                problems.add(".".join(place.path), _text(place, each["type"], value))
+            table.setdefault("name", "unnamed")
+    return None
+
+
+@dataclass(frozen=True)
+class _Place:
+    """A key of a fleet file: what belongs there, and what its table accepts."""
+
+    path: tuple[str, ...]
+    type: Any
+    metadata: tuple[Any, ...]
+    description: str
+    accepted: tuple[str, ...]
+
+
+def _find(location: tuple[int | str, ...]) -> _Place:
+    """Follow pydantic's location through the tables, and not into lists."""
+    path: tuple[str, ...] = ()
+    place = _Place(path, FleetSpec, (), "", ())
+    for part in map(str, location):
+        path = (*path, part)
+        kind = _bare(place.type)
+        if isinstance(kind, type) and issubclass(kind, Table):
+            fields = {field.alias or name: field for name, field in kind.model_fields.items()}
+            field = fields.get(part)
+            if field is None:
+                return _Place(path, Any, (), "", tuple(fields))
+            place = _Place(path, field.annotation, tuple(field.metadata), field.description or "", tuple(fields))
+        elif get_origin(kind) is dict:
+            place = _Place(path, get_args(kind)[1], (), "", ())
+        else:
+            break
+    return place
+
+
+def _bare(annotation: Any) -> Any:
+    """A type without its bounds, and without None."""
+    if get_origin(annotation) is Annotated:
+        return _bare(get_args(annotation)[0])
+    if get_origin(annotation) in (Union, UnionType):
+        return _bare(next(each for each in get_args(annotation) if each is not NoneType))
+    return annotation
+
+
+def _take(table: Any, path: tuple[str, ...]) -> Any:
+    """Take the value at `path` out of `table`; None if it is not there (any more)."""
+    for key in path[:-1]:
+        table = table.get(key, {})
+    return table.pop(path[-1], None)
+
+
+def _text(place: _Place, error: str, value: Any) -> str:
+    if error == "extra_forbidden":
+        owner = f"[{'.'.join(place.path[:-1])}]" if len(place.path) > 1 else "a fleet file"
+        return unknown_key(owner, place.path[-1], place.accepted)
+    what = expected(place.type, place.metadata) + (f" ({place.description})" if place.description else "")
+    return f"missing; expected {what}" if error == "missing" else f"expected {what}, not {show(value)}"

@@ -1,0 +1,113 @@
+"""How configuration errors are worded: what was expected, what came, what is allowed, what is spelled alike."""
+
+from collections.abc import Iterable
+from difflib import get_close_matches
+from types import NoneType, UnionType
+from typing import Annotated, Any, Literal, Union, get_args, get_origin
+
+import numpy as np
+
+_NAMES = {float: "number", int: "whole number", str: "string", dict: "table"}
+_BOUNDS = {"gt": ">", "ge": ">=", "lt": "<", "le": "<="}  # as annotated_types and pydantic name them
+
+
+class Problems:
+    """What is wrong with a fleet file, one line for each key; the first that is found of a key counts."""
+
+    def __init__(self) -> None:
+        self._texts: dict[str, str] = {}
+
+    def __bool__(self) -> bool:
+        return bool(self._texts)
+
+    @property
+    def lines(self) -> list[str]:
+        """``key: what is wrong``."""
+        return [f"{key}: {text}" for key, text in self._texts.items()]
+
+    def add(self, key: str, text: str) -> None:
+        """Note `text` under `key`, unless something is wrong there already."""
+        if not self.within(key):
+            self._texts[key] = text
+
+    def within(self, key: str) -> bool:
+        """Whether something is wrong with `key` or a key below it."""
+        return any(f"{each}.".startswith(f"{key}.") for each in self._texts)
+
+
+def nearest(word: str, allowed: Iterable[str]) -> str:
+    """``; did you mean 'step'?``, or nothing if no allowed spelling is near `word`."""
+    found = get_close_matches(word, list(allowed), 1)
+    return f"; did you mean {found[0]!r}?" if found else ";"
+
+
+def listed(words: Iterable[object]) -> str:
+    """Words with commas; ``none`` if there are none."""
+    return ", ".join(map(str, words)) or "none"
+
+
+def unknown_key(owner: str, key: str, accepted: Iterable[str]) -> str:
+    """``trades has no key 'stpe'; did you mean 'step'? accepted: step, relax, dual``."""
+    names = list(accepted)
+    return f"{owner} has no key {key!r}{nearest(key, names)} accepted: {listed(names)}"
+
+
+def show(value: object) -> str:
+    """A value as it stands in a fleet file, cut short."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    text = repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def reason(error: BaseException) -> str:
+    """What went wrong, with the type of the error where its text alone would not tell."""
+    return str(error) if type(error) in (ValueError, TypeError) else f"{type(error).__name__}: {error}"
+
+
+def expected(annotation: Any, metadata: Iterable[object] = ()) -> str:
+    """What a value of type `annotation` looks like in a fleet file, with its bounds: ``a number > 0``."""
+    origin, arguments = get_origin(annotation), get_args(annotation)
+    if origin is Annotated:
+        return expected(arguments[0], (*arguments[1:], *metadata))
+    if origin in (Union, UnionType):
+        return " or ".join(dict.fromkeys(expected(each) for each in arguments if each is not NoneType))
+    if origin is Literal:
+        return " or ".join(map(show, arguments))
+    if annotation is bool:
+        return "true or false"
+    return _article(_singular(annotation)) + _bounds(metadata)
+
+
+def _bounds(metadata: Iterable[object]) -> str:
+    flat = [each for item in metadata for each in getattr(item, "metadata", [item])]  # a FieldInfo holds several
+    bounds = [f"{sign} {getattr(each, name)}" for each in flat for name, sign in _BOUNDS.items() if hasattr(each, name)]
+    patterns = [f"that matches {each.pattern}" for each in flat if getattr(each, "pattern", None)]
+    return "".join(f" {text}" for text in bounds + patterns)
+
+
+def _singular(annotation: Any) -> str:
+    origin, arguments = get_origin(annotation) or annotation, get_args(annotation)
+    if annotation in _NAMES:
+        return _NAMES[annotation]
+    if origin is np.ndarray:
+        return "array of numbers"
+    if origin is dict or hasattr(annotation, "model_fields"):
+        return "table"
+    if origin in (list, tuple):
+        items = [each for each in arguments if each is not Ellipsis]
+        size = f"{len(items)} " if origin is tuple and items and Ellipsis not in arguments else ""
+        nouns = {_singular(each) for each in items}
+        return f"list of {size}{_plural(nouns.pop())}" if len(nouns) == 1 else "list"
+    if annotation is Any:
+        return "value"
+    return f"value of type {getattr(annotation, '__name__', annotation)}"
+
+
+def _plural(noun: str) -> str:
+    head, of, rest = noun.partition(" of ")
+    return f"{head}s{of}{rest}"
+
+
+def _article(noun: str) -> str:
+    return f"{'an' if noun[0] in 'aeiou' else 'a'} {noun}"

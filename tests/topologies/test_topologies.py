@@ -1,0 +1,97 @@
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from dcf_zenoh.errors import TopologyError
+from dcf_zenoh.graph import Graph, metropolis
+from dcf_zenoh.plugins import create, known, load
+from topologies.complete import complete
+from topologies.edges import edges
+from topologies.grid import grid
+from topologies.path import path
+from topologies.ring import ring
+from topologies.star import star
+
+AGENTS = (2, 3, 5, 7, 11, 13)
+NEEDED: dict[str, dict[str, Any]] = {"edges": {"links": [[2, 3], [3, 5], [5, 7], [7, 11], [11, 13]]}}
+
+
+@pytest.mark.parametrize("kind", sorted(known("topologies")))
+def test_every_kind_connects_its_agents_in_both_directions(kind: str) -> None:
+    links = create(load("topologies", kind, Path()), {"agents": AGENTS}, NEEDED.get(kind, {}), "topology")
+    graph = Graph.of(AGENTS, links)
+    assert graph.undirected
+    assert 1 <= graph.diameter < len(AGENTS)
+    assert metropolis(graph).sum() == pytest.approx(len(AGENTS))
+
+
+@pytest.mark.parametrize("kind", sorted(set(known("topologies")) - {"edges"}))
+def test_every_kind_is_defined_for_one_and_for_two_agents(kind: str) -> None:
+    plugin = load("topologies", kind, Path())
+    assert list(plugin((4,))) == []
+    assert set(plugin((4, 9))) == {(4, 9), (9, 4)}
+
+
+def test_complete_has_diameter_one() -> None:
+    assert Graph.of(AGENTS, complete(AGENTS)).diameter == 1
+    assert len(complete(AGENTS)) == 30
+
+
+def test_path_is_as_long_as_it_has_links() -> None:
+    graph = Graph.of(AGENTS, path(AGENTS))
+    assert graph.diameter == 5
+    assert graph.in_neighbours(2) == (3,)
+
+
+def test_ring_closes_from_the_last_to_the_first() -> None:
+    graph = Graph.of(AGENTS, ring(AGENTS))
+    assert graph.diameter == 3
+    assert graph.in_neighbours(2) == (3, 13)
+
+
+def test_directed_ring_is_heard_by_the_next_alone() -> None:
+    graph = Graph.of(AGENTS, ring(AGENTS, directed=True))
+    assert graph.out_neighbours(13) == (2,)
+    assert graph.in_neighbours(13) == (11,)
+    assert graph.diameter == 5
+
+
+def test_hub_of_a_star_is_the_lowest_id_unless_told() -> None:
+    assert Graph.of(AGENTS, star(AGENTS)).out_neighbours(2) == AGENTS[1:]
+    assert Graph.of(AGENTS, star(AGENTS, hub=7)).out_neighbours(2) == (7,)
+
+
+def test_star_refuses_a_hub_that_is_no_agent() -> None:
+    with pytest.raises(ValueError, match=r"hub must be one of the agents \[2, 3, 5, 7, 11, 13\], not 4"):
+        star(AGENTS, hub=4)
+
+
+@pytest.mark.parametrize(("rows", "columns"), [(None, None), (2, None), (None, 3), (2, 3)])
+def test_grid_of_six_is_two_by_three(rows: int | None, columns: int | None) -> None:
+    graph = Graph.of(AGENTS, grid(AGENTS, rows=rows, columns=columns))
+    assert graph.in_neighbours(3) == (2, 5, 11)
+    assert graph.in_neighbours(5) == (3, 13)
+    assert graph.diameter == 3
+
+
+def test_grid_of_a_prime_number_is_a_path() -> None:
+    assert set(grid(AGENTS[:5])) == set(path(AGENTS[:5]))
+
+
+def test_grid_names_the_sizes_that_divide_the_agents() -> None:
+    with pytest.raises(ValueError, match=r"rows must divide the 6 agents, so be one of \[1, 2, 3, 6\], not 4"):
+        grid(AGENTS, rows=4)
+    with pytest.raises(ValueError, match="rows x columns must be 6, the number of agents, not 2 x 2 = 4"):
+        grid(AGENTS, rows=2, columns=2)
+
+
+def test_edges_go_both_ways_unless_directed() -> None:
+    assert set(edges((1, 2), links=[(1, 2)])) == {(1, 2), (2, 1)}
+    assert edges((1, 2), links=[(1, 2)], directed=True) == [(1, 2)]
+
+
+@pytest.mark.parametrize("link", [(1, 3), (3, 2), (1, 1)])
+def test_edges_refuse_links_that_join_no_two_agents(link: tuple[int, int]) -> None:
+    with pytest.raises(TopologyError, match=r"links must be pairs of different agents among \[1, 2\], not \[\d, \d\]"):
+        edges((1, 2), links=[link])

@@ -1,0 +1,18 @@
+"""A closed line."""
+
+from collections.abc import Sequence
+
+
+def ring(agents: Sequence[int], *, directed: bool = False) -> list[tuple[int, int]]:
+    """Each agent and the next one, in order of ids, hear each other; the last and the first too.
+
+    Args:
+        agents: Ids, ascending.
+        directed: An agent is heard by the next one, and does not hear it.
+
+    Returns:
+        Links (sender, receiver).
+    """
+    following = [*agents[1:], *agents[:1]]
+    links = [(i, j) for i, j in zip(agents, following, strict=True) if i != j]
+    return links if directed else [*links, *((j, i) for i, j in links)]
