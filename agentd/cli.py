@@ -11,6 +11,7 @@ from pathlib import Path
 
 from agentd import commands
 from dcf_zenoh.errors import ConfigurationError, DcfError
+from dcf_zenoh.plugins import GROUPS
 
 DESCRIPTION = """\
 Run fleets of agents that compute and control together: in one process (simulate), as one daemon per agent on this
@@ -78,7 +79,8 @@ def _parser() -> argparse.ArgumentParser:
     command("simulate", commands.simulate, "run a fleet in this process, in virtual time", fleet, results)
     check = command("check", commands.check, "check a fleet file and print it with all defaults", fleet)
     check.add_argument("--load", action="store_true", help="also run the code of plug-ins, to check their types")
-    command("plugins", commands.plugins, "list all kinds that a fleet file can name, with their options")
+    plugins = command("plugins", commands.plugins, "list all kinds that a fleet file can name, with their keys")
+    plugins.add_argument("group", nargs="?", choices=GROUPS, metavar="GROUP", help=f"one of {', '.join(GROUPS)}")
     report = command("report", commands.report, "draw the figures of one run, or of several side by side")
     report.add_argument("runs", nargs="+", type=Path, metavar="RUN")
     report.add_argument("--out", type=Path, metavar="DIR", help="where figures go (default: the first run)")
@@ -92,7 +94,9 @@ def _parser() -> argparse.ArgumentParser:
     diff = command("diff", commands.diff, "compare two runs")
     diff.add_argument("a", type=Path, metavar="RUN")
     diff.add_argument("b", type=Path, metavar="RUN")
-    diff.add_argument("--tolerance", type=float, default=0.0, metavar="X", help="largest deviation that is no difference")
+    diff.add_argument(
+        "--tolerance", type=float, default=0.0, metavar="X", help="largest deviation that is no difference"
+    )
     return parser
 
 

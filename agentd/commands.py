@@ -13,6 +13,7 @@ from agentd.progress import Progress
 from agentd.rundir import default_endpoints, new_run_folder, read_about, write_about
 from dcf_zenoh.config import LoadedFleet, load, to_toml
 from dcf_zenoh.errors import ConfigurationError, DcfError
+from dcf_zenoh.plugins import GROUPS
 from dcf_zenoh.run import Run
 
 Command: TypeAlias = Callable[[Namespace], int]
@@ -56,7 +57,9 @@ def run(options: Namespace) -> int:
 
     fleet = _load(options)
     if options.id not in fleet.spec.agents:
-        raise ConfigurationError(f"--id {options.id}: there is no such agent; agents are {list(fleet.spec.ids)}", fleet.source)
+        raise ConfigurationError(
+            f"--id {options.id}: there is no such agent; agents are {list(fleet.spec.ids)}", fleet.source
+        )
     folder: Path = options.out or Path("runs") / fleet.spec.name
     about = read_about(folder)
     endpoints = {int(i): str(endpoint) for i, endpoint in about.get("endpoints", {}).items()}
@@ -99,14 +102,16 @@ def check(options: Namespace) -> int:
     return 0
 
 
-def plugins(options: Namespace) -> int:  # noqa: ARG001
-    """List all kinds that a fleet file can name, built in or installed, with their options and defaults."""
-    from dcf_zenoh.plugins import GROUPS, describe, names  # noqa: PLC0415
+def plugins(options: Namespace) -> int:
+    """List all kinds that a fleet file can name, built in or installed, with the keys that each accepts.
 
-    for group in GROUPS:
-        print(f"{group}:")
-        for name in names(group):
-            print(f"  {name:<20} {describe(group, name)}")
+    A kind may also be 'package.module:Name' or './file.py:Name': the keyword-only arguments of its constructor are
+    its keys.
+    """
+    from agentd.catalogue import catalogue  # noqa: PLC0415
+
+    for line in catalogue([options.group] if options.group else GROUPS):
+        print(line)
     return 0
 
 

@@ -14,12 +14,12 @@ from pathlib import Path
 from types import FrameType
 from typing import TextIO
 
-from agentd.runner import Stopped, await_goodbyes, run_virtual, run_wall
+from agentd.runner import Stopped, await_goodbyes, run_virtual, run_wall, spare_collector
 from dcf_zenoh.assembly import AgentParts, Blueprint
 from dcf_zenoh.config import LoadedFleet, to_toml
 from dcf_zenoh.errors import NetworkError
 from dcf_zenoh.messaging.message import VERSION, Last
-from dcf_zenoh.messaging.network import Address, ClockOffset, Event, Network, Stop, endpoints_to_connect
+from dcf_zenoh.messaging.network import Address, ClockOffset, Network, Stop, endpoints_to_connect
 from dcf_zenoh.plant import State
 from dcf_zenoh.recording import StepRecord, open_log
 from dcf_zenoh.requests import NEVER
@@ -72,29 +72,31 @@ def run_agent(fleet: LoadedFleet, task: Assignment) -> Last:
         connect=endpoints_to_connect(task.agent, linked, task.endpoints),
         settings=fleet.spec.zenoh.settings,
     )
-    with open_log(task.folder, task.agent) as stream, Network(task.agent, hood, address) as network:
-        with _stop_events(network, supervised=task.supervised):
-            offsets, early = network.meet(fingerprint(fleet), fleet.spec.zenoh.ready_timeout)
-            _check_offsets(task.agent, offsets, wall=fleet.spec.time.clock == "wall")
-            about = {
-                "run": task.run,
-                "clock_offsets": {j: (offset.ahead, offset.error) for j, offset in offsets.items()},
-            }
-            status = Status(task.agent, sys.stdout) if task.supervised else None
-            parts = blueprint.build(task.agent, stream, about, status.observe if status else lambda _record: None)
-            return _run(fleet, parts, network, early, hood.receives_from)
+    with (
+        open_log(task.folder, task.agent) as stream,
+        Network(task.agent, hood, address) as network,
+        _stop_events(network, supervised=task.supervised),
+    ):
+        offsets = network.meet(fingerprint(fleet), fleet.spec.zenoh.ready_timeout)
+        _check_offsets(task.agent, offsets, wall=fleet.spec.time.clock == "wall")
+        about = {
+            "run": task.run,
+            "clock_offsets": {j: (offset.ahead, offset.error) for j, offset in offsets.items()},
+        }
+        status = Status(task.agent, sys.stdout) if task.supervised else None
+        parts = blueprint.build(task.agent, stream, about, status.observe if status else lambda _record: None)
+        return _run(fleet, parts, network, hood.receives_from)
 
 
-def _run(
-    fleet: LoadedFleet, parts: AgentParts, network: Network, early: list[Event], senders: tuple[int, ...]
-) -> Last:
+def _run(fleet: LoadedFleet, parts: AgentParts, network: Network, senders: tuple[int, ...]) -> Last:
     last = Last.FAILED
     try:
         parts.plant.prepare()
+        spare_collector()
         if fleet.spec.time.clock == "wall":
-            last = run_wall(parts, network, early)
+            last = run_wall(parts, network)
         else:
-            last = run_virtual(parts, network, early, fleet.spec.zenoh.silence_timeout)
+            last = run_virtual(parts, network, fleet.spec.zenoh.silence_timeout)
         await_goodbyes(parts, network, senders, GOODBYE_TIMEOUT)
         return last
     except BaseException as error:
@@ -142,7 +144,7 @@ def _stop_events(network: Network, *, supervised: bool) -> Iterator[None]:
     """Turn SIGINT, SIGTERM and the launcher's death into stop events while the body runs."""
 
     def on_signal(number: int, _frame: FrameType | None) -> None:
-        network.events.put(Stop(f"stopped by {signal.Signals(number).name}"))
+        network.notify(Stop(f"stopped by {signal.Signals(number).name}"))
 
     before = {number: signal.signal(number, on_signal) for number in (signal.SIGINT, signal.SIGTERM)}
     if supervised:
@@ -150,7 +152,7 @@ def _stop_events(network: Network, *, supervised: bool) -> Iterator[None]:
         def watch() -> None:
             while os.read(0, 1024):  # the launcher writes nothing: this returns when it closes its end, or dies
                 pass
-            network.events.put(Stop("stopped by the launcher's end"))
+            network.notify(Stop("stopped by the launcher's end"))
 
         threading.Thread(target=watch, name="launcher-watch", daemon=True).start()
     try:

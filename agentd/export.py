@@ -9,14 +9,14 @@ from typing import Any, BinaryIO
 import numpy as np
 import numpy.typing as npt
 
+from dcf_zenoh.configuration.wording import listed, nearest
 from dcf_zenoh.errors import ConfigurationError, RecordingError
 from dcf_zenoh.run import AgentLog, Run
-from dcf_zenoh.wording import listed, nearest
 
 _AXES = "xyz"
 
 
-def export(run: Run, fmt: str, out: Path) -> None:
+def export(run: Run, fmt: str, out: Path | None = None) -> Path:
     """Write a run into one new file. Logs of single rounds are left out.
 
     ========  ==========================================================================================
@@ -31,7 +31,10 @@ def export(run: Run, fmt: str, out: Path) -> None:
     Args:
         run: The run.
         fmt: ``csv``, ``npz`` or ``mat``.
-        out: Must not be there yet.
+        out: Must not be there yet. None: the run's name, in the working directory.
+
+    Returns:
+        The file written.
 
     Raises:
         ConfigurationError: There is no such format.
@@ -40,6 +43,7 @@ def export(run: Run, fmt: str, out: Path) -> None:
     writers = {"csv": _csv, "npz": _npz, "mat": _mat}
     if fmt not in writers:
         raise ConfigurationError(f"unknown format {fmt!r}{nearest(fmt, writers)} known: {listed(writers)}")
+    out = Path(f"{run.name}.{fmt}") if out is None else out
     try:
         with out.open("xb") as stream:
             writers[fmt](run, stream)
@@ -47,6 +51,7 @@ def export(run: Run, fmt: str, out: Path) -> None:
         raise RecordingError(f"{out}: is there already; choose another file with --out") from None
     except OSError as error:
         raise RecordingError(f"{out}: cannot be written: {error.strerror}") from error
+    return out
 
 
 def _csv(run: Run, stream: BinaryIO) -> None:

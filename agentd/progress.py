@@ -66,9 +66,7 @@ class Progress:
             position = ", ".join(f"{value:+.2f}" for value in entry.get("position", ()))
             step = f"{entry['step'] + 1} / {self._fleet.steps}" if entry else "getting ready"
             remark = str(entry.get("remark", ""))
-            table.add_row(
-                str(agent), step, str(entry.get("rounds", "")), str(entry.get("late", "")), position, remark
-            )
+            table.add_row(str(agent), step, str(entry.get("rounds", "")), str(entry.get("late", "")), position, remark)
         return table
 
     @staticmethod

@@ -59,8 +59,13 @@ def free_endpoints(fleet: FleetSpec) -> dict[int, str]:
     Raises:
         NetworkError: There are not enough free ports.
     """
-    ports = iter(random.sample(PORTS, len(PORTS)))
-    return {i: fleet.agents[i].endpoint or f"tcp/127.0.0.1:{next(filter(_is_free, ports), None)}" for i in fleet.ids}
+    given = {i: fleet.agents[i].endpoint for i in fleet.ids}
+    ports = filter(_is_free, random.sample(PORTS, len(PORTS)))
+    candidates = (endpoint for port in ports if (endpoint := f"tcp/127.0.0.1:{port}") not in given.values())
+    try:
+        return {i: endpoint or next(candidates) for i, endpoint in given.items()}
+    except StopIteration:
+        raise NetworkError(f"no free port on the loopback interface between {PORTS.start} and {PORTS.stop}") from None
 
 
 def default_endpoints(fleet: FleetSpec) -> dict[int, str]:

@@ -1,5 +1,6 @@
 """Drives one agent's loop over Zenoh: on the wall clock, or in virtual time."""
 
+import gc
 import logging
 import time
 from collections.abc import Callable, Sequence
@@ -8,9 +9,9 @@ from dcf_zenoh.assembly import AgentParts
 from dcf_zenoh.clock import VirtualClock, WallClock
 from dcf_zenoh.errors import DcfError, NeighbourLost, Silence
 from dcf_zenoh.messaging.mailbox import Mailbox
-from dcf_zenoh.messaging.message import Last
-from dcf_zenoh.messaging.network import Arrived, Event, Lost, Network, Refused, Stop
-from dcf_zenoh.requests import Publish, Start, Wait
+from dcf_zenoh.messaging.message import Last, Message
+from dcf_zenoh.messaging.network import Lost, Network, Refused, Stop
+from dcf_zenoh.requests import Publish, Wait
 
 log = logging.getLogger(__name__)
 REFUSALS_LOGGED = 5
@@ -22,73 +23,93 @@ class Stopped(DcfError):
 
 
 class Feed:
-    """Takes events from the network and puts messages into the mailbox.
+    """Moves what arrives from the network into the mailbox.
 
     Args:
-        network: Where events come from.
-        mailbox: Where messages go.
-        due: When a message counts as there, in ns of fleet time.
-        early: Events that came before the loop started.
+        network: Where it comes from.
+        mailbox: Where it goes.
+        due: Fleet time, in ns, at which a message that is read now counts as there.
     """
 
-    def __init__(
-        self, network: Network, mailbox: Mailbox, due: Callable[[Arrived], int], early: Sequence[Event]
-    ) -> None:
+    def __init__(self, network: Network, mailbox: Mailbox, due: Callable[[Message], int]) -> None:
         self._network = network
         self._mailbox = mailbox
         self._due = due
-        for event in early:
-            self._handle(event)
 
-    def take(self, timeout: float) -> bool:
-        """Handle the next event; whether there was one within `timeout` seconds.
+    def wait(self, sender: int, deadline: float) -> bool:
+        """Take in the next message of `sender`, or events; whether there was any before `deadline`, monotonic s.
+
+        Raises:
+            Stopped: An event says stop.
+        """
+        found = self._network.receive(sender, deadline)
+        if found is not None:
+            self._take(found)
+            return True
+        return self.events(0.0)
+
+    def drain(self, sender: int) -> None:
+        """Take in all that `sender` has sent and that is here already."""
+        while (found := self._network.arrived(sender)) is not None:
+            self._take(found)
+
+    def events(self, deadline: float) -> bool:
+        """Take in the next event; whether there was one before `deadline`, monotonic s.
 
         Raises:
             Stopped: It says stop.
         """
-        event = self._network.next_event(timeout)
-        if event is not None:
-            self._handle(event)
+        event = self._network.next_event(deadline)
+        if isinstance(event, Stop):
+            raise Stopped(event.reason)
+        if isinstance(event, Lost):
+            self._mailbox.lost[event.agent] = "its liveliness token is gone"
+        elif isinstance(event, Refused):
+            self._take(event)
         return event is not None
 
-    def _handle(self, event: Event) -> None:
-        if isinstance(event, Arrived):
-            self._mailbox.put(event.message, self._due(event))
-        elif isinstance(event, Refused):
+    def _take(self, found: Message | Refused) -> None:
+        if isinstance(found, Refused):
             self._mailbox.refused += 1
             if self._mailbox.refused <= REFUSALS_LOGGED:
-                log.warning("refused a message on %s: %s", event.key, event.error)
-        elif isinstance(event, Lost):
-            if not self._mailbox.departed(event.agent):
-                self._mailbox.lost[event.agent] = "its liveliness token is gone"
-        elif isinstance(event, Stop):
-            raise Stopped(event.reason)
+                log.warning("refused a message on %s: %s", found.key, found.reason)
+        else:
+            self._mailbox.put(found, self._due(found))
 
 
-def run_wall(parts: AgentParts, network: Network, early: Sequence[Event] = ()) -> Last:
+def spare_collector() -> None:
+    """Take what is there before the loop starts, modules above all, out of what the garbage collector looks through."""
+    gc.collect()
+    gc.freeze()
+
+
+def run_wall(parts: AgentParts, network: Network) -> Last:
     """Run a loop in real time.
 
     Raises:
         DcfError: Whatever stops the loop.
     """
     clock, mailbox = WallClock(), parts.mailbox
-    feed = Feed(network, mailbox, lambda arrived: clock.at(arrived.at), early)
+    feed = Feed(network, mailbox, lambda _message: clock.now())
 
-    def wait(request: Wait) -> int:
-        while True:
-            now = clock.now()
-            if request.senders:
-                lacking = mailbox.lacks(request.senders, request.step, request.round)
-                if not lacking or mailbox.lost and all(j in mailbox.lost for j in lacking):
-                    return now
-            if now >= request.until:
-                if request.senders and not feed.take(0.0):
-                    mailbox.skip_gaps()
-                    return now
-                if not request.senders:
-                    return now
-                continue
-            feed.take(min((request.until - now) * 1e-9, 60.0))
+    def hear(request: Wait) -> None:
+        """Wait for messages, at most until the request's time; nobody waits for the dead."""
+        deadline = time.monotonic() + (request.until - clock.now()) * 1e-9
+        while lacking := mailbox.lacks(request.senders, request.step, request.round):
+            awaited = [j for j in lacking if j not in mailbox.lost] if mailbox.lost else lacking
+            if not awaited:
+                break
+            if not feed.wait(awaited[0], deadline) and time.monotonic() >= deadline:
+                break
+        else:
+            return
+        for j in request.senders:
+            feed.drain(j)
+        mailbox.skip_gaps()
+
+    def sleep(until: int) -> None:
+        while (left := until - clock.now()) > 0:
+            feed.events(time.monotonic() + left * 1e-9)
 
     reply: int | None = None
     while True:
@@ -99,20 +120,20 @@ def run_wall(parts: AgentParts, network: Network, early: Sequence[Event] = ()) -
         if isinstance(request, Publish):
             reply = clock.now()
             network.publish(request.message._replace(sent=reply), request.receiver)
-        elif isinstance(request, Wait):
-            reply = wait(request)
+            continue
+        if isinstance(request, Wait):
+            hear(request) if request.senders else sleep(request.until)
         else:
             clock.start(request.instant)
-            reply = clock.now()
+        reply = clock.now()
 
 
-def run_virtual(parts: AgentParts, network: Network, early: Sequence[Event], silence: float) -> Last:
+def run_virtual(parts: AgentParts, network: Network, silence: float) -> Last:
     """Run a loop in virtual time: as fast as messages come, with the same results as in the simulator.
 
     Args:
         parts: The agent.
         network: Its session.
-        early: Events that came before the loop started.
         silence: Real seconds without an awaited message that are an error.
 
     Raises:
@@ -120,26 +141,23 @@ def run_virtual(parts: AgentParts, network: Network, early: Sequence[Event], sil
         Silence: A neighbour said nothing for too long.
     """
     clock, mailbox = VirtualClock(), parts.mailbox
-    feed = Feed(network, mailbox, lambda arrived: arrived.message.sent, early)
+    feed = Feed(network, mailbox, lambda message: message.sent)
 
     def hear(request: Wait) -> None:
+        where = f"in step {request.step} round {request.round}"
         deadline = time.monotonic() + silence
         while lacking := mailbox.lacks(request.senders, request.step, request.round):
             dead = next((j for j in lacking if j in mailbox.lost), None)
-            left = deadline - time.monotonic() if dead is None else GRACE
-            if feed.take(left):
+            sender = lacking[0] if dead is None else dead
+            if feed.wait(sender, deadline if dead is None else time.monotonic() + GRACE):
                 continue
-            place = f"in step {request.step} round {request.round}"
             if dead is not None:
-                raise NeighbourLost(f"agent {parts.id}: neighbour {dead} is lost ({mailbox.lost[dead]}) {place}")
+                raise NeighbourLost(f"agent {parts.id}: neighbour {dead} is lost ({mailbox.lost[dead]}) {where}")
             if time.monotonic() >= deadline:
-                raise Silence(f"agent {parts.id}: no message from {lacking[0]} {place} within {silence:g} s")
+                raise Silence(f"agent {parts.id}: no message from {sender} {where} within {silence:g} s")
         for j in request.senders:
             if mailbox.departed(j) is Last.FAILED:
-                raise NeighbourLost(f"agent {parts.id}: neighbour {j} stopped because of an error, before {_place(request)}")
-
-    def _place(request: Wait) -> str:
-        return f"step {request.step} round {request.round}"
+                raise NeighbourLost(f"agent {parts.id}: neighbour {j} stopped because of an error, seen {where}")
 
     reply: int | None = None
     while True:
@@ -157,15 +175,15 @@ def run_virtual(parts: AgentParts, network: Network, early: Sequence[Event], sil
         reply = clock.now()
 
 
+def await_goodbyes(parts: AgentParts, network: Network, senders: Sequence[int], timeout: float) -> None:
+    """Keep the session open until the neighbours have ended too, so that nobody loses what is on its way."""
+    feed = Feed(network, parts.mailbox, lambda message: message.sent)
+    deadline = time.monotonic() + timeout
+    for j in senders:
+        while not parts.mailbox.departed(j) and j not in parts.mailbox.lost and time.monotonic() < deadline:
+            feed.wait(j, deadline)
+
+
 def _done(finished: StopIteration) -> Last:
     last: Last = finished.value
     return last
-
-
-def await_goodbyes(parts: AgentParts, network: Network, senders: Sequence[int], timeout: float) -> None:
-    """Keep the session open until the neighbours have ended too, so that nobody loses what is on its way."""
-    feed = Feed(network, parts.mailbox, lambda arrived: arrived.message.sent, ())
-    deadline = time.monotonic() + timeout
-    while any(not parts.mailbox.departed(j) and j not in parts.mailbox.lost for j in senders):
-        if not feed.take(deadline - time.monotonic()) and time.monotonic() >= deadline:
-            return

@@ -29,7 +29,9 @@ GOAL = 15.0
 def plain_loop(fleet: LoadedFleet, rounds: list[int]) -> dict[int, Array]:
     """The swap without any framework: the generators, the double integrator, and nothing else."""
     spec = fleet.spec
-    problems = {i: PositionSwap(i, spec.ids, spec.time.sample_time, target=spec.agents[i].target or ()) for i in spec.ids}
+    problems = {
+        i: PositionSwap(i, spec.ids, spec.time.sample_time, target=spec.agents[i].target or ()) for i in spec.ids
+    }
     fleet_me = fleet_of(Blueprint.of(fleet).graph)
     states = {i: np.array([*(spec.agents[i].start or ()), 0.0, 0.0]) for i in spec.ids}
     algorithm = partial(trades)
@@ -77,7 +79,9 @@ def main() -> None:
     speed = [flown / seconds for seconds in simulated]
     ratio = [a / b for a, b in zip(simulated, plain, strict=True)]
     print(f"{flown:.1f} s of flight, {sum(rounds)} rounds of {len(fleet.spec.ids)} agents, {pairs} alternating pairs")
-    print(f"  times real time:      median {statistics.median(speed):5.1f}  best {max(speed):5.1f}   (floor {FLOOR}, goal {GOAL})")
+    print(
+        f"  times real time:      median {statistics.median(speed):5.1f}  best {max(speed):5.1f} ({FLOOR:g} floor, {GOAL:g} goal)"
+    )
     print(f"  simulator/plain loop: median {statistics.median(ratio):5.2f}  best {min(ratio):5.2f}   (goal: at most 2)")
 
 

@@ -142,7 +142,8 @@ def _sound(setpoint: Setpoint, agent: int, outcome: Outcome[Decision], step: int
     vector = setpoint.vector if setpoint.acceleration is not None else setpoint.position
     if not (np.isfinite(vector).all() and np.isfinite(outcome.result.value).all()):
         raise NumericalError(
-            f"agent {agent}: step {step} round {outcome.rounds}: the controller's setpoint is not finite: {_show(vector)}"
+            f"agent {agent}: step {step} round {outcome.rounds}: the controller's setpoint is not finite:"
+            f" {_show(vector)}"
         )
     return setpoint
 

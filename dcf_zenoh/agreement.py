@@ -48,7 +48,9 @@ class Agreement:
         """Take in the newest header of each neighbour at the end of `round`; whether this round is the last."""
         size = len(self._farther) + 1
         messages = [message for message in heard if len(message.residuals) == size]
-        spread = tuple(map(max, zip((residual, *self._farther), *[message.residuals for message in messages], strict=True)))
+        spread = tuple(
+            map(max, zip((residual, *self._farther), *[message.residuals for message in messages], strict=True))
+        )
         self._farther = spread[:-1]
         if spread[-1] < self._threshold:
             self._announce(round + self._margin)

@@ -219,9 +219,7 @@ class Exchange:
                 found[j] = f"nothing heard for {silence * 1e-9:.2f} s"
         return found
 
-    def _note(
-        self, log: list[RoundRecord], heard: tuple[Mapping[Any, Any], float, dict[int, int]] | None
-    ) -> None:
+    def _note(self, log: list[RoundRecord], heard: tuple[Mapping[Any, Any], float, dict[int, int]] | None) -> None:
         """Log a round once the algorithm has digested it, so that what it noted belongs to it."""
         if self._noted is not None and heard is not None:
             log.append(RoundRecord(*heard, self._noted()))
@@ -279,7 +277,10 @@ class Exchange:
         sequence = self._sequence
         self._sequence += 1
         self._published += 1
-        return Message(self._agent, self._incarnation, sequence, step, round, now, *header, 0, last, payload)
+        return Message(
+            self._agent, self._incarnation, sequence, step, round, now, header.stop_at, header.settled_hops, 0, last,
+            header.residuals, payload,
+        )  # fmt: skip
 
     def _hear(self, talk: _Step, round: int, now: int, deadline: int) -> Loop[int]:
         """Wait for the messages of `round`, then consume whatever is due at its end."""

@@ -104,7 +104,7 @@ class Plant(ABC):
 class NoPlant(Plant):
     """The plant of an agent that only computes: nothing to sense, nothing to act on."""
 
-    def sense(self, now: int) -> State:
+    def sense(self, now: int) -> State:  # noqa: ARG002
         """An empty state."""
         return State()
 

@@ -141,7 +141,9 @@ class Recorder:
         self._write(record)
         self._observe(record)
 
-    def end(self, reason: str, now: int, state: State, remark: str = "", counts: Mapping[str, int] | None = None) -> None:
+    def end(
+        self, reason: str, now: int, state: State, remark: str = "", counts: Mapping[str, int] | None = None
+    ) -> None:
         """Append the end: its reason, the fleet time in ns and the last state."""
         self._write(
             {"end": reason, "time": now, "state": state.vector.tolist(), "remark": remark, "counts": dict(counts or {})}

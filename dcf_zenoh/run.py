@@ -17,10 +17,9 @@ import numpy.typing as npt
 from dcf_zenoh.config import load
 from dcf_zenoh.errors import RecordingError
 from dcf_zenoh.plant import Array, read_only
-from dcf_zenoh.plugins import is_built_in
+from dcf_zenoh.plugins import accepted, is_built_in
 from dcf_zenoh.plugins import load as load_plugin
 from dcf_zenoh.recording import SCHEMA, StepRecord, log_name, read_stream
-from dcf_zenoh.schema import accepted
 from dcf_zenoh.spec import FleetSpec
 
 Integers = npt.NDArray[np.int64]
@@ -75,8 +74,9 @@ class AgentLog:
 
     @property
     def path(self) -> Array:
-        """Positions, the last one included where the log has its end, shape (K or K+1, d), m."""
-        states = self.state if self.end is None else np.vstack((self.state, self.end["state"]))
+        """Positions, the last one included where the log ends with a state, shape (K or K+1, d), m."""
+        last = [] if self.end is None else self.end["state"]  # empty too after a failure
+        states = np.vstack((self.state, last)) if last and len(last) == self.state.shape[1] else self.state
         return states[:, : states.shape[1] // 2]
 
     @classmethod
@@ -192,7 +192,7 @@ class Run:
 
     @cached_property
     def barriers(self) -> Array:
-        """Barrier values h = |dx| / r1 + |dy| / r2 - 1 of every pair, shape (K, pairs); no columns without safety radii.
+        """Barrier value h = |dx| / r1 + |dy| / r2 - 1 of every pair, shape (K, pairs); no columns without radii.
 
         Source: Memon et al., eq. (6).
         """

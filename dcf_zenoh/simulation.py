@@ -88,10 +88,18 @@ class _Actor:
         self.wait: Wait | None = None  # what it waits for; None when it can go on
         self.blocked_by: set[int] = set()
 
+    def heard(self, sender: int, ready: list["_Actor"]) -> None:
+        """Go on if `sender` was the last one it waited for."""
+        wait = self.wait
+        if wait is None or sender not in self.blocked_by or not self.mailbox.knows(sender, wait.step, wait.round):
+            return
+        self.blocked_by.discard(sender)
+        if not self.blocked_by:
+            self.wait = None
+            ready.append(self)
 
-def run_agents(
-    parts: Sequence[AgentParts], graph: Graph, choose: Choice | None = None
-) -> None:
+
+def run_agents(parts: Sequence[AgentParts], graph: Graph, choose: Choice | None = None) -> None:
     """Step agents until all have returned.
 
     There is no event queue: time is the agents' own, and whichever agent can go on may go next. The result does
@@ -111,7 +119,9 @@ def run_agents(
     running = len(ready)
     while running:
         if not ready:
-            raise DcfError("the simulation is stuck: " + "; ".join(_plight(actor) for actor in actors.values() if actor.wait))
+            raise DcfError(
+                "the simulation is stuck: " + "; ".join(_plight(actor) for actor in actors.values() if actor.wait)
+            )
         actor = ready.pop(choose(len(ready)) if choose else 0)
         if not _advance(actor, listeners[actor.parts.id], ready):
             running -= 1
@@ -130,13 +140,7 @@ def _advance(actor: _Actor, listeners: list[_Actor], ready: list[_Actor]) -> boo
                 if request.receiver is not None and listener.parts.id != request.receiver:
                     continue
                 listener.mailbox.put(message, message.sent)
-                wait = listener.wait
-                if wait is not None and message.sender in listener.blocked_by:
-                    if listener.mailbox.knows(message.sender, wait.step, wait.round):
-                        listener.blocked_by.discard(message.sender)
-                        if not listener.blocked_by:
-                            listener.wait = None
-                            ready.append(listener)
+                listener.heard(message.sender, ready)
         elif isinstance(request, Wait) and request.senders:
             actor.blocked_by = set(actor.mailbox.lacks(request.senders, request.step, request.round))
             if actor.blocked_by:

@@ -56,7 +56,9 @@ def lockstep(
                 said[i] = dialogue.send(inbox)
             except StopIteration as finished:
                 results[i] = finished.value
-        assert len(results) == (len(running) if stop else 0), f"round {number}: returned {sorted(results)}, stop is {stop}"
+        assert len(results) == (len(running) if stop else 0), (
+            f"round {number}: returned {sorted(results)}, stop is {stop}"
+        )
         if stop:
             break
     return results

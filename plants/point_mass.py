@@ -23,9 +23,7 @@ class PointMass(Plant):
     Source: Memon et al., eq. (1) for the model, eq. (4) for the bound.
     """
 
-    def __init__(
-        self, start: Array, *, velocity: tuple[float, ...] | None = None, accel_max: float = 2.0
-    ) -> None:
+    def __init__(self, start: Array, *, velocity: tuple[float, ...] | None = None, accel_max: float = 2.0) -> None:
         if not accel_max > 0:
             raise ValueError(f"accel_max must be positive, in m/s², not {accel_max}")
         self._position = read_only(start)

@@ -49,7 +49,8 @@ def _distances(axes: Axes, run: Run) -> None:
 
 def _barriers(axes: Axes, run: Run) -> None:
     if not run.barriers.size:
-        axes.text(0.5, 0.5, "no safety region", transform=axes.transAxes, ha="center", color=GREY)
+        why = "no safety region" if run.radii is None else "no step that all agents recorded"
+        axes.text(0.5, 0.5, why, transform=axes.transAxes, ha="center", color=GREY)
         return
     _pairs(axes, run, run.barriers, "")
     axes.axhspan(-1, 0, color=RED, alpha=0.2, linewidth=0, label="in the safety region,\nh < 0")
@@ -95,7 +96,7 @@ def _rounds(axes: Axes, run: Run) -> None:
         )
         if steps:
             label = {"budget": "out of time", "rounds": "out of rounds", "abstained": "abstained"}[word]
-            axes.plot(time[steps], most[steps], marker, color=colour, markersize=4, linestyle="", label=label)
+            axes.plot(time[steps], most[steps], marker, color=colour, markersize=6, linestyle="", label=label)
     late = sorted({int(step) for log in logs for step in log.step[log.late]})
     if late:
         axes.plot(time[late], most[late], "x", color=RED, markersize=6, linestyle="", label="deadline missed")

@@ -1,7 +1,9 @@
 """What all figures share: fonts, colours, what is written above a run."""
 
+import textwrap
 from typing import Any
 
+from dcf_zenoh.messaging.message import Last
 from dcf_zenoh.run import AgentLog, Run
 
 STYLE: Any = {  # not a dict for the type checker: matplotlib lists every key there is in its type
@@ -28,7 +30,8 @@ BLUE, ORANGE, GREEN, RED, PINK, SKY = "#0072B2", "#E69F00", "#009E73", "#D55E00"
 INK, GREY = "#222222", "#8a8a8a"
 _COLOURS = (BLUE, ORANGE, GREEN, RED, PINK, SKY)
 _DASHES = ("-", "--", ":", "-.")
-_NAMED = 3  # agents with a broken-off log that are named one by one
+_NAMED = 3  # agents that are named one by one if they did not come to their planned end
+_PLANNED = tuple(last.name.lower() for last in (Last.DONE, Last.ARRIVED))
 
 
 def agent_style(place: int) -> dict[str, Any]:
@@ -45,22 +48,22 @@ def flies(log: AgentLog) -> bool:
 
 
 def heading(run: Run) -> str:
-    """Fleet, run, topology, clock; and whose logs are not whole."""
+    """Fleet, run, topology, clock; and which agents did not come to their planned end."""
     lines = [run.fleet.name] if run.fleet.name == run.name else [f"{run.fleet.name}, {run.name}"]
     lines.append(f"{run.fleet.topology.kind} topology, {run.fleet.time.clock} clock")
-    if gaps := _gaps(run):
-        more = f" and {len(gaps) - _NAMED} more" if len(gaps) > _NAMED else ""
-        lines.append("log broken off: " + ", ".join(gaps[:_NAMED]) + more)
+    if early := _early(run):
+        more = f" and {len(early) - _NAMED} more" if len(early) > _NAMED else ""
+        lines.append(textwrap.fill(f"incomplete: {', '.join(early[:_NAMED])}{more}", 52))
     return "\n".join(lines)
 
 
-def _gaps(run: Run) -> list[str]:
-    """Agents whose logs lack their end."""
+def _early(run: Run) -> list[str]:
+    """Agents that did not come to their planned end, how they ended and when."""
     found = []
     for agent in run.fleet.ids:
         log = run.agents.get(agent)
-        if log is None or not len(log.step):
-            found.append(f"agent {agent} before step 0")
-        elif log.end is None:
-            found.append(f"agent {agent} after step {log.step[-1]}")
+        how = "cut off" if log is None or log.end is None else log.end["end"]
+        when = "before step 0" if log is None or not len(log.step) else f"after step {log.step[-1]}"
+        if how not in _PLANNED:
+            found.append(f"agent {agent} {how} {when}")
     return found

@@ -34,7 +34,7 @@ def trajectories(runs: Sequence[Run]) -> Figure | None:
         axes.remove()
     for axes in panels[:, 0]:
         axes.set_ylabel("y in m")
-    regions = any(run.radii for run in flown)
+    regions = any(run.barriers.size for run in flown)
     figure.legend(handles=_key(regions=regions), loc="outside lower center", ncols=4 if columns > 1 else 2)
     return figure
 
@@ -71,7 +71,7 @@ def _panel(axes: Axes, run: Run) -> None:
         _name(axes, agent, path, style["color"])
         if instant is not None:
             axes.plot(*path[instant, :2], "o", color=style["color"], markersize=4.5, zorder=5)
-        if instant is not None and run.radii is not None:
+        if instant is not None and run.radii is not None and run.barriers.size:
             corners = diamond(path[instant], run.radii)
             axes.add_patch(Polygon(corners, closed=True, facecolor=style["color"], alpha=0.08, zorder=1))
             axes.add_patch(
@@ -105,8 +105,8 @@ def _name(axes: Axes, agent: int, path: Array, colour: str) -> None:
     away = away / np.hypot(*away) if np.hypot(*away) > 1e-6 else np.array([0.0, 1.0])
     away = away + 0.8 * np.array([away[1], -away[0]])  # beside the target of whoever comes from over there
     axes.annotate(
-        str(agent), (path[0, 0], path[0, 1]), xytext=(12 * away[0], 12 * away[1]), textcoords="offset points", ha="center", va="center",
-        color=colour, fontweight="bold", fontsize=11, zorder=6,
+        str(agent), (path[0, 0], path[0, 1]), xytext=(12 * away[0], 12 * away[1]), textcoords="offset points",
+        ha="center", va="center", color=colour, fontweight="bold", fontsize=11, zorder=6,
     )  # fmt: skip
 
 

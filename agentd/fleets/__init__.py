@@ -1,0 +1,1 @@
+"""Fleet files that every command finds by name."""

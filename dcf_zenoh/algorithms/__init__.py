@@ -1,0 +1,1 @@
+"""Distributed algorithms: how a problem is solved. The contract is in `algorithm`."""

@@ -1,0 +1,1 @@
+"""Controllers: they join a problem and an algorithm once per control step."""

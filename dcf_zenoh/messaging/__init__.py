@@ -1,0 +1,1 @@
+"""What agents send one another, and how it travels."""

@@ -4,9 +4,9 @@ A message is one msgpack array in the order of `Message`'s fields, after the ver
 travel as ``[dtype, shape, bytes]`` with a dtype from `DTYPES`, C order, little endian. Nothing is unpickled.
 """
 
-import math
 from collections.abc import Mapping
 from enum import IntEnum
+from operator import ge
 from typing import Any, NamedTuple, TypeAlias
 
 import msgpack
@@ -19,7 +19,9 @@ VERSION = 1
 BYTES_MAX = 4 * 1024 * 1024
 NAME_MAX = 128
 DIMENSIONS_MAX = 8
-DTYPES = {code: np.dtype(code) for code in ("<f8", "<f4", "<i8", "<i4", "<i2", "|i1", "|u1", "<u2", "<u4", "<u8", "|b1")}
+DTYPES = {
+    code: np.dtype(code) for code in ("<f8", "<f4", "<i8", "<i4", "<i2", "|i1", "|u1", "<u2", "<u4", "<u8", "|b1")
+}
 _SENDABLE = {each: dtype for dtype in DTYPES.values() for each in (dtype, dtype.newbyteorder(">"))}
 
 Value: TypeAlias = npt.NDArray[Any] | float | int
@@ -46,12 +48,12 @@ class Message(NamedTuple):
         step: Control step k; -1 before the start.
         round: Round p within the step.
         sent: Fleet time of sending, in ns since the start.
-        residuals: Entry d is the largest residual within d hops of the sender, d rounds ago.
         stop_at: Round after which the sender leaves this step, or -1 while that is open.
         settled_hops: All agents within this many hops have arrived, as of this step; -1: the sender, or one that
             it heard of, has not.
         promise: Fleet time before which the sender will send nothing more, in ns (asynchronous mode); else 0.
         last: Whether more will follow.
+        residuals: Entry d is the largest residual within d hops of the sender, d rounds ago.
         payload: Names to arrays (read-only) or numbers.
     """
 
@@ -61,19 +63,20 @@ class Message(NamedTuple):
     step: int
     round: int
     sent: int
-    residuals: tuple[float, ...]
     stop_at: int
     settled_hops: int
     promise: int
     last: Last
+    residuals: tuple[float, ...]
     payload: Payload
 
 
-_FIELDS = len(Message._fields)
-_INTEGERS = (
-    ("sender", 0, 0), ("incarnation", 1, 0), ("sequence", 2, 0), ("step", 3, -1), ("round", 4, 0), ("sent", 5, -(2**62)),
-    ("stop_at", 7, -1), ("settled_hops", 8, -1), ("promise", 9, 0), ("last", 10, 0),
-)  # fmt: skip
+_LEAST = {
+    "sender": 0, "incarnation": 0, "sequence": 0, "step": -1, "round": 0, "sent": -(2**62), "stop_at": -1,
+    "settled_hops": -1, "promise": 0, "last": 0,
+}  # fmt: skip
+_INTEGERS, _MINIMA = (int,) * len(_LEAST), tuple(_LEAST.values())
+_LAST = tuple(Last)
 
 
 def canonical(payload: Payload) -> dict[str, Value]:
@@ -85,7 +88,7 @@ def canonical(payload: Payload) -> dict[str, Value]:
     Raises:
         MessageError: A name is not a short string, or a value is neither an array of a known dtype nor a number.
     """
-    if not isinstance(payload, Mapping):
+    if type(payload) is not dict and not isinstance(payload, Mapping):
         raise MessageError(f"a payload is a mapping of names to arrays or numbers, not {type(payload).__name__}")
     copy: dict[str, Value] = {}
     for name, value in payload.items():
@@ -94,7 +97,9 @@ def canonical(payload: Payload) -> dict[str, Value]:
         if isinstance(value, np.ndarray):
             dtype = _SENDABLE.get(value.dtype)
             if dtype is None:
-                raise MessageError(f"payload {name!r}: dtype {value.dtype} cannot be sent; allowed: {', '.join(DTYPES)}")
+                raise MessageError(
+                    f"payload {name!r}: dtype {value.dtype} cannot be sent; allowed: {', '.join(DTYPES)}"
+                )
             if value.ndim > DIMENSIONS_MAX:
                 raise MessageError(f"payload {name!r}: {value.ndim} dimensions, at most {DIMENSIONS_MAX} can be sent")
             array = np.array(value, dtype=dtype, order="C")
@@ -107,7 +112,9 @@ def canonical(payload: Payload) -> dict[str, Value]:
         elif isinstance(value, int) and -(2**63) <= value < 2**64:
             copy[name] = value
         else:
-            raise MessageError(f"payload {name!r}: expected an array or a number, not {type(value).__name__} {value!r:.40}")
+            raise MessageError(
+                f"payload {name!r}: expected an array or a number, not {type(value).__name__} {value!r:.40}"
+            )
     return copy
 
 
@@ -118,7 +125,7 @@ def encode(message: Message) -> bytes:
         MessageError: It is larger than `BYTES_MAX`.
     """
     payload = {
-        name: [value.dtype.str, value.shape, value.tobytes()] if isinstance(value, np.ndarray) else value
+        name: (value.dtype.str, value.shape, value.tobytes()) if isinstance(value, np.ndarray) else value
         for name, value in message.payload.items()
     }
     data: bytes = msgpack.packb((VERSION, *message[:-1], payload))
@@ -139,41 +146,50 @@ def decode(data: bytes) -> Message:
         fields = msgpack.unpackb(data, use_list=False)
     except (ValueError, TypeError, msgpack.UnpackException, RecursionError) as error:
         raise MessageError(f"not a msgpack message: {type(error).__name__} {error}") from error
-    if not isinstance(fields, tuple) or not fields:
+    if type(fields) is not tuple or not fields:
         raise MessageError(f"expected a msgpack array, got {type(fields).__name__}")
     if fields[0] != VERSION:
         raise MessageError(f"version {fields[0]!r:.20} is not spoken here; expected {VERSION}")
-    header = fields[1:]
-    if len(header) != _FIELDS:
-        raise MessageError(f"expected {_FIELDS} fields after the version, got {len(header)}")
-    for name, index, least in _INTEGERS:
-        value = header[index]
-        if type(value) is not int or value < least:
-            raise MessageError(f"{name}: expected an integer of at least {least}, got {value!r:.40}")
-    residuals, last, payload = header[6], header[10], header[11]
-    if type(residuals) is not tuple or any(type(entry) is not float or math.isnan(entry) for entry in residuals):
+    if len(fields) != len(Message._fields) + 1:
+        raise MessageError(f"expected {len(Message._fields)} fields after the version, got {len(fields) - 1}")
+    numbers, residuals, payload = fields[1:-2], fields[-2], fields[-1]
+    if tuple(map(type, numbers)) != _INTEGERS or not all(map(ge, numbers, _MINIMA)):
+        for (name, least), value in zip(_LEAST.items(), numbers, strict=True):
+            if type(value) is not int or value < least:
+                raise MessageError(f"{name}: expected an integer of at least {least}, got {value!r:.40}")
+    if numbers[-1] > Last.FAILED:
+        raise MessageError(f"last: expected 0 to {int(Last.FAILED)}, got {numbers[-1]}")
+    if type(residuals) is not tuple or any(type(r) is not float or r != r for r in residuals):  # noqa: PLR0124 - NaN
         raise MessageError(f"residuals: expected floats, got {residuals!r:.60}")
-    if last > Last.FAILED:
-        raise MessageError(f"last: expected 0 to {int(Last.FAILED)}, got {last}")
     if type(payload) is not dict:
         raise MessageError(f"payload: expected a map, got {type(payload).__name__}")
-    return Message(*header[:10], Last(last), {name: _value(name, value) for name, value in payload.items()})
+    return Message(  # type: ignore[call-arg]
+        *numbers[:-1], _LAST[numbers[-1]], residuals, {name: _value(name, payload[name]) for name in payload}
+    )
 
 
 def _value(name: object, value: object) -> Value:
     """One payload entry, checked."""
     if type(name) is not str or not 0 < len(name) <= NAME_MAX:
         raise MessageError(f"payload name {name!r:.40}: expected a string of 1 to {NAME_MAX} characters")
+    if type(value) is tuple and len(value) == 3:
+        code, shape, raw = value
+        dtype = DTYPES.get(code) if type(code) is str else None
+        if dtype is None:
+            raise MessageError(f"payload {name!r}: dtype {code!r:.20} is not accepted; allowed: {', '.join(DTYPES)}")
+        if type(shape) is not tuple or len(shape) > DIMENSIONS_MAX:
+            raise MessageError(f"payload {name!r}: {shape!r:.40} is not a shape of at most {DIMENSIONS_MAX} dimensions")
+        size = dtype.itemsize
+        for side in shape:
+            if type(side) is not int or side < 0:
+                raise MessageError(
+                    f"payload {name!r}: {shape!r:.40} is not a shape of at most {DIMENSIONS_MAX} dimensions"
+                )
+            size *= side
+        if type(raw) is not bytes or len(raw) != size:
+            raise MessageError(f"payload {name!r}: its bytes do not fill shape {shape} of {code}")
+        array = np.frombuffer(raw, dtype)
+        return array if len(shape) == 1 else array.reshape(shape)
     if isinstance(value, float | int):
         return value
-    if type(value) is not tuple or len(value) != 3:
-        raise MessageError(f"payload {name!r}: expected a number or (dtype, shape, bytes), got {value!r:.40}")
-    code, shape, raw = value
-    dtype = DTYPES.get(code) if type(code) is str else None
-    if dtype is None:
-        raise MessageError(f"payload {name!r}: dtype {code!r:.20} is not accepted; allowed: {', '.join(DTYPES)}")
-    if type(shape) is not tuple or len(shape) > DIMENSIONS_MAX or any(type(n) is not int or n < 0 for n in shape):
-        raise MessageError(f"payload {name!r}: {shape!r:.40} is not a shape of at most {DIMENSIONS_MAX} dimensions")
-    if type(raw) is not bytes or len(raw) != math.prod(shape) * dtype.itemsize:
-        raise MessageError(f"payload {name!r}: its bytes do not fill shape {shape} of {code}")
-    return np.frombuffer(raw, dtype).reshape(shape)
+    raise MessageError(f"payload {name!r}: expected a number or (dtype, shape, bytes), got {value!r:.40}")

@@ -1,9 +1,9 @@
 """One agent on the network: a Zenoh session, its keys, readiness and liveliness.
 
-Everything that arrives becomes an event in one queue; callbacks decode and hand over, nothing else. Keys, below
-``dcf/<fleet>/<run>``:
+Messages wait in Zenoh, in one channel per in-neighbour, until the agent reads them; everything else that happens
+becomes an event in a queue. Keys, below ``dcf/<fleet>/<run>``:
 
-- ``from/<sender>``: what all out-neighbours get; ``from/<sender>/to/<receiver>``: edge payloads;
+- ``from/<sender>/to/<receiver>``: messages; what all out-neighbours get is published once, on ``from/<sender>/to/*``;
 - ``hello/<from>/to/<to>``: readiness, both ways on every link, also on directed ones;
 - ``alive/<agent>``: liveliness tokens.
 
@@ -21,30 +21,27 @@ from typing import Any, NamedTuple, Self, TypeAlias
 
 import msgpack
 import zenoh
+from zenoh.handlers import FifoChannel
 
 from dcf_zenoh.errors import MessageError, NetworkError, NotReady
 from dcf_zenoh.graph import Neighbourhood
 from dcf_zenoh.messaging.message import Message, decode, encode
+from dcf_zenoh.messaging.waker import Waker
 
 HELLO_PERIOD = 0.02  # s between hellos to a neighbour that has not answered
+CHANNEL_SIZE = 4096  # messages of one neighbour that can wait; a full channel holds the sender up
+WAKE = os.urandom(16)  # what a channel delivers in place of a message when it is time to wake up
 # One runtime thread for what would be four: fewer hand-overs between sending and receiving (docs/performance.md).
 os.environ.setdefault(
     "ZENOH_RUNTIME", "(app: (worker_threads: 1), rx: (handover: app), net: (handover: app), acc: (handover: app))"
 )
 
 
-class Arrived(NamedTuple):
-    """A message, and when it came, monotonic ns."""
-
-    message: Message
-    at: int
-
-
 class Refused(NamedTuple):
     """Bytes on one of our keys that are no message, and why."""
 
     key: str
-    error: MessageError
+    reason: str
 
 
 class Lost(NamedTuple):
@@ -73,7 +70,7 @@ class Stop(NamedTuple):
     reason: str
 
 
-Event: TypeAlias = Arrived | Refused | Lost | Hello | Stop
+Event: TypeAlias = Refused | Lost | Hello | Stop
 
 
 @dataclass(frozen=True)
@@ -86,6 +83,13 @@ class ClockOffset:
     ahead: int
     error: int
 
+    @classmethod
+    def of(cls, hello: Hello) -> "ClockOffset":
+        """From a hello that answers one from here."""
+        ahead = (hello.heard - hello.echo) + (hello.sent - hello.at)
+        trip = (hello.at - hello.echo) - (hello.sent - hello.heard)
+        return cls(ahead // 2, max(0, trip) // 2)
+
 
 @dataclass(frozen=True)
 class Address:
@@ -95,7 +99,7 @@ class Address:
         prefix: Start of all keys, ``dcf/<fleet>/<run>``.
         listen: Endpoint this agent listens on.
         connect: Endpoints it connects to.
-        settings: Zenoh configuration keys as paths, with their values.
+        settings: Zenoh configuration keys as paths, with their values; they go over our own.
     """
 
     prefix: str
@@ -110,7 +114,7 @@ class Address:
             NetworkError: Zenoh does not take one of the settings.
         """
         config = zenoh.Config()
-        defaults: dict[str, Any] = {
+        ours: dict[str, Any] = {
             "mode": "peer",
             "listen/endpoints": [self.listen],
             "connect/endpoints": list(self.connect),
@@ -119,7 +123,7 @@ class Address:
             "scouting/multicast/enabled": False,
             "scouting/gossip/enabled": False,
         }
-        for key, value in {**defaults, **self.settings}.items():
+        for key, value in {**ours, **self.settings}.items():
             try:
                 config.insert_json5(key, json.dumps(value))
             except (zenoh.ZError, TypeError) as error:
@@ -128,7 +132,7 @@ class Address:
 
 
 class Network:
-    """The open session of one agent. Use it in a ``with`` statement.
+    """The open session of one agent, read and written by one thread. Use it in a ``with`` statement.
 
     Args:
         agent: Id of this agent.
@@ -140,25 +144,25 @@ class Network:
     """
 
     def __init__(self, agent: int, hood: Neighbourhood, address: Address) -> None:
-        self.events: SimpleQueue[Event] = SimpleQueue()
         self._agent = agent
         self._linked = sorted({*hood.receives_from, *hood.sends_to})
         self._prefix = address.prefix
+        self._events: SimpleQueue[Event] = SimpleQueue()
         config = address.config()
         try:
             self._session = zenoh.open(config)
         except zenoh.ZError as error:
             raise NetworkError(
-                f"agent {agent}: cannot listen on {address.listen}: the address is in use or not of this machine ({error})"
+                f"agent {agent}: cannot listen on {address.listen}, or cannot connect to {list(address.connect)}:"
+                f" {error}"
             ) from error
-        publish = {"congestion_control": zenoh.CongestionControl.BLOCK, "express": True}
-        for j in hood.receives_from:
-            self._subscribe(j, f"{self._prefix}/from/{j}")
-            self._subscribe(j, f"{self._prefix}/from/{j}/to/{agent}")
-        self._publisher = self._session.declare_publisher(f"{self._prefix}/from/{agent}", **publish)
-        self._edges = {
-            j: self._session.declare_publisher(f"{self._prefix}/from/{agent}/to/{j}", **publish) for j in hood.sends_to
+        self._waker = Waker(self._wake)
+        self._keys = {j: f"{self._prefix}/from/{j}/to/{agent}" for j in hood.receives_from}
+        self._channels = {
+            j: self._session.declare_subscriber(key, FifoChannel(CHANNEL_SIZE)) for j, key in self._keys.items()
         }
+        self._publisher = self._declare_publisher("*")
+        self._edges = {j: self._declare_publisher(str(j)) for j in hood.sends_to}
         for j in self._linked:  # last, so that whoever can reach our hello key knows the others too
             self._watch(j)
         self._token = self._session.liveliness().declare_token(f"{self._prefix}/alive/{agent}")
@@ -169,6 +173,9 @@ class Network:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        self._waker.close()
+        for channel in self._channels.values():  # a session with a full channel does not close
+            channel.undeclare()  # type: ignore[no-untyped-call]
         self._session.close()  # type: ignore[no-untyped-call]
 
     def publish(self, message: Message, receiver: int | None = None) -> None:
@@ -176,14 +183,49 @@ class Network:
         publisher = self._publisher if receiver is None else self._edges[receiver]
         publisher.put(encode(message))
 
-    def next_event(self, timeout: float) -> Event | None:
-        """The next event, or None if there is none within `timeout` seconds."""
+    def receive(self, sender: int, deadline: float) -> Message | Refused | None:
+        """Wait for the next message of the in-neighbour `sender`.
+
+        Returns:
+            None at `deadline` (monotonic s), or earlier when there is an event.
+        """
+        channel = self._channels[sender]
+        while True:
+            sample = channel.try_recv()
+            if sample is None:
+                self._waker.arm(sender, deadline)
+                if not self._events.empty():
+                    self._waker.disarm()
+                    return None
+                sample = channel.recv()
+                self._waker.disarm()
+            data = sample.payload.to_bytes()
+            if data != WAKE:
+                return self._read(data, sender)
+            if not self._events.empty() or time.monotonic() >= deadline:
+                return None
+
+    def arrived(self, sender: int) -> Message | Refused | None:
+        """The next message of the in-neighbour `sender` if it is here already."""
+        while (sample := self._channels[sender].try_recv()) is not None:
+            data = sample.payload.to_bytes()
+            if data != WAKE:
+                return self._read(data, sender)
+        return None
+
+    def next_event(self, deadline: float) -> Event | None:
+        """The next event, or None if there is none before `deadline` (monotonic s)."""
         try:
-            return self.events.get(timeout=max(0.0, timeout))
+            return self._events.get(timeout=max(0.0, deadline - time.monotonic()))
         except Empty:
             return None
 
-    def meet(self, fingerprint: str, timeout: float) -> tuple[dict[int, ClockOffset], list[Event]]:
+    def notify(self, event: Event) -> None:
+        """Tell the agent of `event`, wherever it waits. From any thread, and from signal handlers."""
+        self._events.put(event)
+        self._waker.poke()
+
+    def meet(self, fingerprint: str, timeout: float) -> dict[int, ClockOffset]:
         """Say hello to all neighbours until each has answered.
 
         A neighbour's answer shows that it knows this agent's subscriptions and that its own are known here, for it
@@ -194,16 +236,15 @@ class Network:
             timeout: In s.
 
         Returns:
-            Neighbour -> clock offset; and the events that came meanwhile and are for the agent's loop.
+            Neighbour -> clock offset.
 
         Raises:
-            NotReady: Somebody did not answer; the message names them.
+            NotReady: Somebody did not answer; the message names them. Or this agent was told to stop.
             NetworkError: A neighbour runs another fleet.
         """
         waiting = set(self._linked)
         last: dict[int, Hello] = {}
         offsets: dict[int, ClockOffset] = {}
-        others: list[Event] = []
         deadline = time.monotonic() + timeout
         due = 0.0
         while waiting:
@@ -217,63 +258,63 @@ class Network:
                 due = now + HELLO_PERIOD
                 for j in self._linked:
                     self._hello(j, fingerprint, last.get(j))
-            event = self.next_event(min(due, deadline) - now)
-            if isinstance(event, Hello):
-                if event.fingerprint != fingerprint:
-                    raise NetworkError(
-                        f"agent {self._agent}: agent {event.sender} runs another fleet file, other plug-ins or other"
-                        f" versions: fingerprint {event.fingerprint}, expected {fingerprint}"
-                    )
-                fresh = event.sender not in last
-                last[event.sender] = event
-                if event.echo:
-                    waiting.discard(event.sender)
-                    offset = _offset(event)
-                    known = offsets.get(event.sender)
-                    offsets[event.sender] = offset if known is None or offset.error < known.error else known
-                if fresh:
-                    self._hello(event.sender, fingerprint, event)
-            elif isinstance(event, Stop):
-                return offsets, [*others, event]
-            elif event is not None and not isinstance(event, Lost):
-                others.append(event)
+            event = self.next_event(min(due, deadline))
+            if isinstance(event, Stop):
+                raise NotReady(f"agent {self._agent}: {event.reason} before all neighbours were ready")
+            if not isinstance(event, Hello):
+                continue
+            if event.fingerprint != fingerprint:
+                raise NetworkError(
+                    f"agent {self._agent}: agent {event.sender} runs another fleet file, other plug-ins or another"
+                    f" version: fingerprint {event.fingerprint}, expected {fingerprint}"
+                )
+            if event.sender not in last:
+                self._hello(event.sender, fingerprint, event)
+            last[event.sender] = event
+            if event.echo:
+                waiting.discard(event.sender)
+                found = [ClockOffset.of(event), *([offsets[event.sender]] if event.sender in offsets else [])]
+                offsets[event.sender] = min(found, key=lambda offset: offset.error)
         for j in self._linked:
             self._hello(j, fingerprint, last[j])
-        return offsets, others
+        return offsets
+
+    def _declare_publisher(self, receiver: str) -> zenoh.Publisher:
+        return self._session.declare_publisher(
+            f"{self._prefix}/from/{self._agent}/to/{receiver}",
+            congestion_control=zenoh.CongestionControl.BLOCK,
+            express=True,
+        )
+
+    def _wake(self, sender: int) -> None:
+        """Let the channel of `sender` deliver something."""
+        self._session.put(self._keys[sender], WAKE, allowed_destination=zenoh.Locality.SESSION_LOCAL)
+
+    def _read(self, data: bytes, sender: int) -> Message | Refused:
+        try:
+            message = decode(data)
+        except MessageError as error:
+            return Refused(self._keys[sender], str(error))
+        if message.sender != sender:
+            return Refused(self._keys[sender], f"it claims to come from agent {message.sender}")
+        return message
 
     def _hello(self, to: int, fingerprint: str, heard: Hello | None) -> None:
         echo = (heard.sent, heard.at) if heard else (0, 0)
         data = msgpack.packb((self._agent, fingerprint, time.time_ns(), *echo))
         self._session.put(f"{self._prefix}/hello/{self._agent}/to/{to}", data)
 
-    def _subscribe(self, sender: int, key: str) -> None:
-        def deliver(sample: zenoh.Sample) -> None:
-            at = time.monotonic_ns()
-            try:
-                message = decode(sample.payload.to_bytes())
-                if message.sender != sender:
-                    raise MessageError(f"it claims to come from agent {message.sender}")
-                self.events.put(Arrived(message, at))
-            except MessageError as error:
-                self.events.put(Refused(key, error))
-
-        self._session.declare_subscriber(key, deliver)
-
     def _watch(self, neighbour: int) -> None:
-        hello_key = f"{self._prefix}/hello/{neighbour}/to/{self._agent}"
+        key = f"{self._prefix}/hello/{neighbour}/to/{self._agent}"
 
         def greet(sample: zenoh.Sample) -> None:
-            at = time.time_ns()
-            try:
-                self.events.put(_read_hello(sample.payload.to_bytes(), neighbour, at))
-            except MessageError as error:
-                self.events.put(Refused(hello_key, error))
+            self.notify(_hello_of(sample.payload.to_bytes(), neighbour, key, time.time_ns()))
 
         def mourn(sample: zenoh.Sample) -> None:
             if sample.kind == zenoh.SampleKind.DELETE:
-                self.events.put(Lost(neighbour))
+                self.notify(Lost(neighbour))
 
-        self._session.declare_subscriber(hello_key, greet)
+        self._session.declare_subscriber(key, greet)
         self._session.liveliness().declare_subscriber(f"{self._prefix}/alive/{neighbour}", mourn, history=True)
 
 
@@ -282,17 +323,13 @@ def endpoints_to_connect(agent: int, linked: Iterable[int], endpoints: Mapping[i
     return tuple(endpoints[j] for j in linked if j < agent)
 
 
-def _read_hello(data: bytes, neighbour: int, at: int) -> Hello:
+def _hello_of(data: bytes, neighbour: int, key: str, at: int) -> Hello | Refused:
     try:
         fields = msgpack.unpackb(data)
     except (ValueError, msgpack.UnpackException) as error:
-        raise MessageError(f"not a hello: {error}") from error
-    if not (isinstance(fields, list) and [type(f) for f in fields] == [int, str, int, int, int] and fields[0] == neighbour):
-        raise MessageError(f"not a hello of agent {neighbour}: {fields!r:.60}")
-    return Hello(*fields, at)
-
-
-def _offset(hello: Hello) -> ClockOffset:
-    there = (hello.heard - hello.echo) + (hello.sent - hello.at)
-    trip = (hello.at - hello.echo) - (hello.sent - hello.heard)
-    return ClockOffset(there // 2, max(0, trip) // 2)
+        return Refused(key, f"not a hello: {type(error).__name__} {error}")
+    if not (isinstance(fields, list) and [type(field) for field in fields] == [int, str, int, int, int]):
+        return Refused(key, f"not a hello: {fields!r:.60}")
+    if fields[0] != neighbour:
+        return Refused(key, f"it claims to come from agent {fields[0]}")
+    return Hello(*fields, at)  # type: ignore[call-arg]

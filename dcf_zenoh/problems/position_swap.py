@@ -13,8 +13,9 @@ SAME_COORDINATE = 1e-9  # m; closer than this, positions are equal and the lower
 
 def _square(values: float | Sequence[float], size: int, name: str) -> Array:
     """A diagonal matrix from a number or its diagonal."""
-    diagonal = np.broadcast_to(np.asarray(values, dtype=np.float64), (size,)) if np.ndim(values) == 0 else values
-    if np.shape(diagonal) != (size,) or min(diagonal) < 0:
+    given = np.asarray(values, dtype=np.float64)
+    diagonal = np.broadcast_to(given, (size,)) if given.ndim == 0 else given
+    if diagonal.shape != (size,) or min(diagonal) < 0:
         raise ValueError(f"{name} must be a number >= 0 or {size} of them, not {values}")
     return np.diag(diagonal)
 
@@ -93,19 +94,15 @@ class PositionSwap:
         stages.append((self.lifts[-1], P, self.powers[-1]))
         # f(u) = u' M u + 2 g' u with g = linear @ (z - target); the stage at l = 0 does not depend on u.
         self.quadratic = np.kron(np.eye(horizon), R) + sum(G.T @ W @ G for G, W, _ in stages)
-        self.linear = sum(G.T @ W @ power for G, W, power in stages)
+        self.linear: Array = np.asarray(sum(G.T @ W @ power for G, W, power in stages))
         self.end_map = self.lifts[-1][:2]  # Phi: u -> end position
         self.end_free = self.powers[-1][:2]  # state -> end position without input
         self.gather_map = (2 * gather_weight / len(agents) ** 2) * self.end_map.T
 
         # h[l+1] >= (1 - gamma) h[l] along the prediction, as rows on the position difference of a pair.
         keep = 1 - barrier_decay
-        self.barrier_input = [
-            (self.lifts[step + 1] - keep * self.lifts[step])[:2] for step in range(horizon)
-        ]
-        self.barrier_state = [
-            (self.powers[step + 1] - keep * self.powers[step])[:2] for step in range(horizon)
-        ]
+        self.barrier_input = [(self.lifts[step + 1] - keep * self.lifts[step])[:2] for step in range(horizon)]
+        self.barrier_state = [(self.powers[step + 1] - keep * self.powers[step])[:2] for step in range(horizon)]
         self.row_scale = self._row_scale()
         for array in (self.quadratic, self.linear, self.gather_map, *self.barrier_input, *self.barrier_state):
             array.setflags(write=False)
@@ -158,7 +155,7 @@ class SwapGame:
         self.A, self.b = self._barriers(states)
 
     def _barriers(self, states: Mapping[int, Array]) -> tuple[Array, Array]:
-        """This agent's share of the barrier rows, with signs held from the measured positions.
+        """The agent's share of the barrier rows, with signs held from the measured positions.
 
         With w = (s_x / r1, s_y / r2) and delta the position difference of a pair, the barrier
         h = |delta_x| / r1 + |delta_y| / r2 - 1 is at least w . delta - 1, and the rows keep
@@ -197,7 +194,9 @@ class SwapGame:
 
         p_a / N comes from the cost and 1 / N from sigma's dependence on u, as in Carnevale et al., eq. (3).
         """
-        return self._hessian @ u + self._slope + self._problem.gather_map @ (sigma - self._problem.gather_at)
+        problem = self._problem
+        slope: Array = self._hessian @ u + self._slope + problem.gather_map @ (sigma - problem.gather_at)
+        return slope
 
     def project(self, u: Array) -> Array:
         """Nearest input within the bound."""

@@ -17,7 +17,9 @@ def random_strongly_connected(count: int, rng: random.Random) -> Graph:
     return Graph.of(range(count), links)
 
 
-def play(graph: Graph, residuals: list[list[float]], settled: list[bool], margin: int = 0) -> tuple[list[int], list[bool]]:
+def play(
+    graph: Graph, residuals: list[list[float]], settled: list[bool], margin: int = 0
+) -> tuple[list[int], list[bool]]:
     """In which round each agent leaves, and whether it then knows that all have settled."""
     agreements = {
         i: Agreement(graph.diameter, len(graph.in_neighbours(i)), 1.0, margin, settled=settled[i]) for i in graph.agents
@@ -25,7 +27,10 @@ def play(graph: Graph, residuals: list[list[float]], settled: list[bool], margin
     left: dict[int, int] = {}
     for round, now in enumerate(residuals):
         headers = {i: agreements[i].header(now[i]) for i in graph.agents}
-        sent = {i: Message(i, 0, round, 0, round, 0, *headers[i], 0, Last.NO, {}) for i in graph.agents}
+        sent = {
+            i: Message(i, 0, round, 0, round, 0, h.stop_at, h.settled_hops, 0, Last.NO, h.residuals, {})
+            for i, h in headers.items()
+        }
         for i in graph.agents:
             heard = [sent[j] for j in graph.in_neighbours(i)]
             if agreements[i].conclude(now[i], heard, round):

@@ -1,7 +1,7 @@
 import numpy as np
 import osqp
 import pytest
-import scipy.sparse as sparse
+from scipy import sparse
 
 from dcf_zenoh.problems.position_swap import PositionSwap
 from tests.references import INSTANCES, Reference

@@ -1,5 +1,6 @@
 import json
 from functools import partial
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -12,7 +13,10 @@ from dcf_zenoh.graph import Graph
 from dcf_zenoh.testing import fleet_of, lockstep
 from tests.references import DATA, INSTANCES, Reference
 
-ORDERS = {"atc": "adapt_then_combine", "cta": "combine_then_adapt"}
+ORDERS: dict[str, Literal["adapt_then_combine", "combine_then_adapt"]] = {
+    "atc": "adapt_then_combine",
+    "cta": "combine_then_adapt",
+}
 
 
 @pytest.mark.parametrize("name", INSTANCES)

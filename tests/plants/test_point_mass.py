@@ -57,7 +57,10 @@ def test_states_handed_out_cannot_be_changed() -> None:
 
 @pytest.mark.parametrize(
     ("options", "message"),
-    [({"accel_max": 0.0}, "accel_max must be positive, in m/s², not 0.0"), ({"velocity": (1.0,)}, "velocity has 1 components")],
+    [
+        ({"accel_max": 0.0}, "accel_max must be positive, in m/s², not 0.0"),
+        ({"velocity": (1.0,)}, "velocity has 1 components"),
+    ],
 )
 def test_options_out_of_range_are_refused(options: dict[str, object], message: str) -> None:
     with pytest.raises(ValueError, match=message):

@@ -5,12 +5,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from dcf_zenoh.configuration.drawing import draw, weights_of
+from dcf_zenoh.configuration.wording import Problems, listed, nearest
 from dcf_zenoh.errors import PluginError, TopologyError
-from dcf_zenoh.plugins import check_known, check_signature, is_built_in, load, peek, split
-from dcf_zenoh.schema import Schema, accepted
+from dcf_zenoh.plugins import Schema, accepted, check_known, check_signature, is_built_in, load, peek, split
 from dcf_zenoh.spec import FleetSpec, Kind
-from dcf_zenoh.topology import draw, weights_of
-from dcf_zenoh.wording import Problems, listed, nearest
 
 
 def check(spec: FleetSpec, folder: Path, problems: Problems, notes: list[str], *, run_plugins: bool) -> None:
@@ -55,7 +54,8 @@ def _check_plant_names(spec: FleetSpec, problems: Problems) -> None:
         elif spec.plant is None and spec.plants:
             problems.add(
                 f"agents.{agent}.plant",
-                f"missing; choose one of {listed(spec.plants)} here, for all agents by plant = ..., or by --plant",
+                f"missing; either all agents have a plant or none: choose one of {listed(spec.plants)} here, for all"
+                " agents by plant = ..., or by --plant",
             )
         for name in own.plants:
             check_name(f"agents.{agent}.plants.{name}", name)
@@ -95,7 +95,8 @@ def _check_endpoints(spec: FleetSpec, problems: Problems) -> None:
     for agent, own in spec.agents.items():
         if own.endpoint in owners:
             problems.add(
-                f"agents.{agent}.endpoint", f"{own.endpoint} is taken by agent {owners[own.endpoint]}; each needs its own"
+                f"agents.{agent}.endpoint",
+                f"{own.endpoint} is taken by agent {owners[own.endpoint]}; each needs its own",
             )
         if own.endpoint is not None:
             owners[own.endpoint] = agent
@@ -200,15 +201,15 @@ def _check_overridden(
 def _check_graph(spec: FleetSpec, folder: Path, problems: Problems) -> None:
     try:
         graph = draw(spec, folder)
-        if spec.exchange.max_rounds <= graph.diameter:
-            problems.add(
-                "exchange.max_rounds",
-                f"expected more than {graph.diameter}, the diameter of the graph: it takes so many rounds to share"
-                f" states and to agree, not {spec.exchange.max_rounds}",
-            )
     except (PluginError, TopologyError) as error:
         problems.add("topology", "; ".join(error.problems).removeprefix("topology: "))
         return
+    if spec.exchange.max_rounds <= graph.diameter:
+        problems.add(
+            "exchange.max_rounds",
+            f"expected more than {graph.diameter} (the diameter of the graph: sharing states and agreeing take so many"
+            f" rounds), not {spec.exchange.max_rounds}",
+        )
     try:
         weights_of(spec, graph)
     except TopologyError as error:

@@ -1,6 +1,6 @@
 """How configuration errors are worded: what was expected, what came, what is allowed, what is spelled alike."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from difflib import get_close_matches
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
@@ -67,16 +67,26 @@ def reason(error: BaseException) -> str:
 
 def expected(annotation: Any, metadata: Iterable[object] = ()) -> str:
     """What a value of type `annotation` looks like in a fleet file, with its bounds: ``a number > 0``."""
+    return _alternatives(annotation, metadata, lambda each: _article(_singular(each)))
+
+
+def type_name(annotation: Any) -> str:
+    """The same without articles, for lists of keys: ``number > 0``."""
+    return _alternatives(annotation, (), _singular)
+
+
+def _alternatives(annotation: Any, metadata: Iterable[object], noun: Callable[[Any], str]) -> str:
     origin, arguments = get_origin(annotation), get_args(annotation)
     if origin is Annotated:
-        return expected(arguments[0], (*arguments[1:], *metadata))
+        return _alternatives(arguments[0], (*arguments[1:], *metadata), noun)
     if origin in (Union, UnionType):
-        return " or ".join(dict.fromkeys(expected(each) for each in arguments if each is not NoneType))
+        choices = (_alternatives(each, (), noun) for each in arguments if each is not NoneType)
+        return " or ".join(dict.fromkeys(choices))
     if origin is Literal:
         return " or ".join(map(show, arguments))
     if annotation is bool:
         return "true or false"
-    return _article(_singular(annotation)) + _bounds(metadata)
+    return noun(annotation) + _bounds(metadata)
 
 
 def _bounds(metadata: Iterable[object]) -> str:

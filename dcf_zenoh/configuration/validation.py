@@ -7,8 +7,8 @@ from typing import Annotated, Any, Union, get_args, get_origin
 
 from pydantic import ValidationError
 
+from dcf_zenoh.configuration.wording import Problems, expected, show, unknown_key
 from dcf_zenoh.spec import FleetSpec, Table
-from dcf_zenoh.wording import Problems, expected, show, unknown_key
 
 
 def validate(table: dict[str, Any], problems: Problems) -> FleetSpec | None:

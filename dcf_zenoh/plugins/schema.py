@@ -11,9 +11,9 @@ from typing import Annotated, Any, Union, get_args, get_origin
 import numpy as np
 from pydantic import PlainValidator, PydanticSchemaGenerationError, TypeAdapter, ValidationError
 
+from dcf_zenoh.configuration.wording import expected, show, unknown_key
 from dcf_zenoh.errors import PluginError
 from dcf_zenoh.plant import Array, read_only
-from dcf_zenoh.wording import expected, show, unknown_key
 
 REQUIRED: Any = inspect.Parameter.empty
 

@@ -2,12 +2,12 @@
 
 from pathlib import Path
 
+from dcf_zenoh.configuration.wording import reason
 from dcf_zenoh.errors import PluginError, TopologyError
 from dcf_zenoh.graph import WEIGHTS, Graph
 from dcf_zenoh.plant import Array
 from dcf_zenoh.plugins import create, load
 from dcf_zenoh.spec import FleetSpec
-from dcf_zenoh.wording import reason
 
 
 def draw(spec: FleetSpec, folder: Path) -> Graph:

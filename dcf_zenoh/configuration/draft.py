@@ -7,10 +7,10 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
+from dcf_zenoh.configuration.wording import Problems, listed, nearest, show
 from dcf_zenoh.errors import ConfigurationError
 from dcf_zenoh.plugins import known, split
 from dcf_zenoh.spec import Topology
-from dcf_zenoh.wording import Problems, listed, nearest, show
 
 _DEFAULT_TOPOLOGY = Topology().kind
 

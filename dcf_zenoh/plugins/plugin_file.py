@@ -10,9 +10,9 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, cast
 
+from dcf_zenoh.configuration.wording import listed, nearest, reason
 from dcf_zenoh.errors import PluginError
-from dcf_zenoh.schema import REQUIRED, Parameter, Schema
-from dcf_zenoh.wording import listed, nearest, reason
+from dcf_zenoh.plugins.schema import REQUIRED, Parameter, Schema
 
 
 def split(kind: str) -> tuple[str, str] | None:

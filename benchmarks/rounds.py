@@ -1,0 +1,213 @@
+"""Synchronous rounds per second through the whole stack, against a bare Zenoh loop of the same payload.
+
+N processes on the complete graph; in every round each publishes 30 float64 and waits for the others'. The stack is
+what a daemon runs: exchange, mailbox, codec, network, on the wall clock; there is no algorithm. The bare loop is what
+one would write by hand with Zenoh's defaults: a subscriber with a callback per neighbour, a queue, `put`. The two are
+run in turn, many times; only the ratios mean anything.
+
+    python benchmarks/rounds.py [--pairs 8] [--seconds 1.5] [--sizes 2 4 8]
+"""
+
+import argparse
+import io
+import json
+import random
+import socket
+import statistics
+import subprocess
+import sys
+import time
+from collections import defaultdict
+from contextlib import suppress
+from queue import Empty, SimpleQueue
+from typing import NamedTuple
+
+import numpy as np
+
+FLOORS = {2: 0.6, 4: 0.6, 8: 0.7}
+VALUES = 30
+PERIOD = 50  # rounds between looks at the time
+TIMEOUT = 60.0  # s for one run, start and end included
+
+
+class Measured(NamedTuple):
+    """What one process saw: rounds, real and processor time in s."""
+
+    rounds: int
+    real: float
+    processor: float
+
+    @classmethod
+    def since(cls, rounds: int, real: float, processor: float) -> "Measured":
+        return cls(rounds, time.monotonic() - real, time.process_time() - processor)
+
+
+def report(measured: Measured) -> None:
+    """Tell the parent, and keep the session open until everybody has finished."""
+    print(json.dumps(measured), flush=True)
+    sys.stdin.readline()
+
+
+def bare(agent: int, ports: list[int], seconds: float) -> None:
+    """Rounds by hand."""
+    import zenoh  # noqa: PLC0415
+
+    others = [j for j in range(len(ports)) if j != agent]
+    config = zenoh.Config()
+    for key, value in {
+        "mode": "peer",
+        "listen/endpoints": [f"tcp/127.0.0.1:{ports[agent]}"],
+        "connect/endpoints": [f"tcp/127.0.0.1:{port}" for port in ports[:agent]],
+        "scouting/multicast/enabled": False,
+        "scouting/gossip/enabled": False,
+    }.items():
+        config.insert_json5(key, json.dumps(value))
+    inbox: SimpleQueue[bytes] = SimpleQueue()
+    values = np.random.default_rng(agent).normal(size=VALUES)
+    heard: defaultdict[int, dict[int, bytes]] = defaultdict(dict)  # round -> sender -> data
+
+    def say(number: int, stop: bool) -> None:
+        publisher.put(bytes([agent, stop]) + number.to_bytes(4) + values.tobytes())
+
+    def hear(number: int, timeout: float) -> None:
+        """Wait for everybody's message of a round."""
+        deadline = time.monotonic() + timeout
+        while len(heard[number]) < len(others):
+            data = inbox.get(timeout=max(0.0, deadline - time.monotonic()))
+            heard[int.from_bytes(data[2:6])][data[0]] = data
+
+    with zenoh.open(config) as session:
+        for j in others:
+            session.declare_subscriber(f"bench/from/{j}", lambda sample: inbox.put(sample.payload.to_bytes()))
+        publisher = session.declare_publisher(f"bench/from/{agent}")
+        end = time.monotonic() + TIMEOUT / 2
+        while len(heard[0]) < len(others) and time.monotonic() < end:  # until everybody was heard in round 0
+            say(0, stop=False)
+            with suppress(Empty):  # say it again
+                hear(0, 0.02)
+        say(0, stop=False)
+        number, stop, began, busy = 0, False, time.monotonic(), time.process_time()
+        while not stop:
+            number += 1
+            mine = agent == 0 and number % PERIOD == 0 and time.monotonic() - began > seconds
+            say(number, stop=mine)
+            hear(number, 10)
+            stop = mine or any(data[1] for data in heard.pop(number).values())
+        report(Measured.since(number, began, busy))
+
+
+def stack(agent: int, ports: list[int], seconds: float) -> None:
+    """Rounds by what a daemon is made of."""
+    from agentd.runner import run_wall, spare_collector  # noqa: PLC0415
+    from dcf_zenoh.algorithms.algorithm import Dialogue  # noqa: PLC0415
+    from dcf_zenoh.assembly import AgentParts  # noqa: PLC0415
+    from dcf_zenoh.exchange import Exchange  # noqa: PLC0415
+    from dcf_zenoh.graph import Graph, Neighbourhood, metropolis  # noqa: PLC0415
+    from dcf_zenoh.messaging.mailbox import Mailbox  # noqa: PLC0415
+    from dcf_zenoh.messaging.message import Last  # noqa: PLC0415
+    from dcf_zenoh.messaging.network import Address, Network, endpoints_to_connect  # noqa: PLC0415
+    from dcf_zenoh.plant import NoPlant  # noqa: PLC0415
+    from dcf_zenoh.recording import Recorder  # noqa: PLC0415
+    from dcf_zenoh.requests import Loop, Wait  # noqa: PLC0415
+    from dcf_zenoh.spec import Rounds  # noqa: PLC0415
+
+    agents = range(len(ports))
+    graph = Graph.of(agents, [(i, j) for i in agents for j in agents if i != j])
+    hood = Neighbourhood.of(graph, agent, metropolis(graph))
+    endpoints = {i: f"tcp/127.0.0.1:{port}" for i, port in enumerate(ports)}
+    address = Address("dcf/bench/1", endpoints[agent], endpoints_to_connect(agent, hood.receives_from, endpoints), {})
+    values = np.random.default_rng(agent).normal(size=VALUES)
+
+    def talk() -> Dialogue[Measured]:
+        yield {"values": values, "stop": False}, np.inf
+        number, stop, began, busy = 0, False, time.monotonic(), time.process_time()
+        while not stop:
+            number += 1
+            mine = agent == 0 and number % PERIOD == 0 and time.monotonic() - began > seconds
+            inbox = yield {"values": values, "stop": mine}, np.inf
+            stop = mine or (agent != 0 and bool(inbox[0]["stop"]))
+        return Measured.since(number, began, busy)
+
+    found: list[Measured] = []
+
+    def loop() -> Loop[Last]:
+        now = yield Wait(0)
+        outcome = yield from exchange.negotiate(talk(), 0, now)
+        found.append(outcome.result)
+        return Last.DONE
+
+    mailbox = Mailbox(hood.receives_from)
+    rounds = Rounds(max_rounds=10**9, threshold=0.0)
+    exchange = Exchange(agent, lambda _step: hood, rounds, mailbox, time.perf_counter_ns)
+    parts = AgentParts(agent, NoPlant(), mailbox, exchange, Recorder(io.BytesIO(), agent, {}), loop())
+    with Network(agent, hood, address) as network:
+        network.meet("bench", TIMEOUT / 2)
+        spare_collector()
+        run_wall(parts, network)
+        report(found[0])
+
+
+def measure(kind: str, count: int, seconds: float) -> tuple[float, float]:
+    """Rounds per second, and processor time per round and process in µs, of one run in fresh processes."""
+    ports = free_ports(count)
+    command = [sys.executable, __file__, "--seconds", str(seconds), "--ports", *map(str, ports)]
+    children = [
+        subprocess.Popen([*command, "--worker", kind, str(i)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+        for i in range(count)
+    ]
+    try:
+        found = [Measured(*json.loads(_line(child))) for child in children]  # an empty line: it died, see above
+        for child in children:
+            child.communicate("done\n", timeout=TIMEOUT)
+    finally:
+        for child in children:
+            child.kill()
+            child.wait()
+    return found[0].rounds / found[0].real, statistics.mean(m.processor / m.rounds for m in found) * 1e6
+
+
+def _line(child: "subprocess.Popen[str]") -> str:
+    assert child.stdout is not None
+    return child.stdout.readline()
+
+
+def free_ports(count: int) -> list[int]:
+    """Ports that nobody uses now."""
+    found: list[int] = []
+    while len(found) < count:
+        port = random.randrange(20000, 32000)
+        with socket.socket() as probe:
+            if port not in found and probe.connect_ex(("127.0.0.1", port)):
+                found.append(port)
+    return found
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--pairs", type=int, default=8)
+    parser.add_argument("--seconds", type=float, default=1.5)
+    parser.add_argument("--sizes", type=int, nargs="+", default=[2, 4, 8])
+    parser.add_argument("--ports", type=int, nargs="+", help=argparse.SUPPRESS)
+    parser.add_argument("--worker", nargs=2, help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.worker:
+        kind, agent = options.worker
+        {"bare": bare, "stack": stack}[kind](int(agent), options.ports, options.seconds)
+        return
+    print(f"{VALUES} float64, complete graph, {options.pairs} alternating pairs of {options.seconds:g} s; medians")
+    for count in options.sizes:
+        pairs = [
+            (measure("bare", count, options.seconds), measure("stack", count, options.seconds))
+            for _ in range(options.pairs)
+        ]
+        ratios = [ours[0] / theirs[0] for theirs, ours in pairs]
+        theirs, ours = ([statistics.median(pair[side][k] for pair in pairs) for k in (0, 1)] for side in (0, 1))
+        print(
+            f"  N = {count}: stack / bare {statistics.median(ratios):.2f} [{min(ratios):.2f} .. {max(ratios):.2f}]"
+            f" (floor {FLOORS.get(count, 0.6)}); rounds/s {ours[0]:.0f} / {theirs[0]:.0f};"
+            f" processor time per round and process {ours[1]:.0f} / {theirs[1]:.0f} µs"
+        )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,1 @@
+"""What stands between a fleet file and `dcf_zenoh.config.load`."""

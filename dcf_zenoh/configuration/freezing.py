@@ -1,0 +1,90 @@
+"""A fleet on disk, with all that a run of it needs to be repeated."""
+
+import hashlib
+import importlib.util
+import json
+import sys
+import tomllib
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+from dcf_zenoh.configuration.loaded_fleet import LoadedFleet
+from dcf_zenoh.configuration.validation import validate
+from dcf_zenoh.configuration.wording import Problems
+from dcf_zenoh.configuration.writing import table_of, toml
+from dcf_zenoh.errors import ConfigurationError, PluginError
+from dcf_zenoh.plugins import split
+
+
+def freeze(fleet: LoadedFleet, run_directory: Path) -> LoadedFleet:
+    """Write into `run_directory` all that a run needs to be repeated: the fleet file, and plug-ins that are files.
+
+    Writes ``fleet.toml``, with all defaults; ``plugins/*.py``, copies that it refers to; and ``plugins.json``, the
+    SHA-256 of each copy, and by its name of the source of each plug-in that is a module.
+
+    Returns:
+        The frozen fleet, not checked again.
+
+    Raises:
+        PluginError: The file of a plug-in cannot be read.
+    """
+    table = table_of(fleet.spec)
+    copies: dict[Path, str] = {}
+    digests: dict[str, str] = {}
+    for choice in _kinds(table):
+        kind: str = choice["kind"]
+        if in_file := split(kind):
+            path = (fleet.folder / in_file[0]).resolve()
+            if path not in copies:
+                copies[path] = _free_name(path.stem, copies.values())
+                digests[copies[path]] = _copy(path, run_directory / copies[path], kind)
+            choice["kind"] = f"./{copies[path]}:{in_file[1]}"
+        elif ":" in kind and (source := _source_of(kind.partition(":")[0])):
+            digests[kind.partition(":")[0]] = hashlib.sha256(source.read_bytes()).hexdigest()
+    run_directory.mkdir(parents=True, exist_ok=True)
+    (run_directory / "plugins.json").write_text(json.dumps(digests, indent=2) + "\n", encoding="utf-8")
+    file = run_directory / "fleet.toml"
+    file.write_text(toml(table), encoding="utf-8")
+    spec = validate(tomllib.loads(file.read_text(encoding="utf-8")), problems := Problems())
+    if spec is None or problems:
+        raise ConfigurationError(problems.lines, str(file))
+    return LoadedFleet(spec, run_directory, str(file), fleet.notes)
+
+
+def _kinds(table: dict[str, Any]) -> Iterator[dict[str, Any]]:
+    """All tables that choose a plug-in."""
+    yield from (table[key] for key in ("topology", "problem", "algorithm", "controller") if key in table)
+    for family in ("algorithms", "plants"):
+        yield from table.get(family, {}).values()
+
+
+def _free_name(stem: str, taken: Iterable[str]) -> str:
+    """``plugins/STEM.py``, or with a number where that is taken."""
+    names: Sequence[str] = list(taken)
+    number, name = 1, f"plugins/{stem}.py"
+    while name in names:
+        number += 1
+        name = f"plugins/{stem}_{number}.py"
+    return name
+
+
+def _copy(path: Path, to: Path, kind: str) -> str:
+    """Copy a file, and return its SHA-256."""
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise PluginError(f"{kind}: cannot read {path}: {error.strerror}") from error
+    to.parent.mkdir(parents=True, exist_ok=True)
+    to.write_bytes(content)
+    return hashlib.sha256(content).hexdigest()
+
+
+def _source_of(module: str) -> Path | None:
+    """The file of an importable module; None if it has none."""
+    loaded = sys.modules.get(module)
+    try:
+        spec = loaded.__spec__ if loaded else importlib.util.find_spec(module)
+    except ImportError:
+        return None
+    return Path(spec.origin) if spec and spec.origin and Path(spec.origin).is_file() else None

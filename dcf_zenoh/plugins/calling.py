@@ -1,0 +1,82 @@
+"""Calling plug-ins: what they get from the framework by position, and from the fleet file by key."""
+
+import functools
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from dcf_zenoh.configuration.wording import listed, nearest, reason
+from dcf_zenoh.errors import PluginError
+from dcf_zenoh.plugins.loading import Plugin
+from dcf_zenoh.plugins.schema import accepted, name_of, signature_of
+
+# What the framework fills the positional parameters of a plug-in with, by name.
+CONTEXT: Mapping[str, tuple[str, ...]] = {
+    "algorithms": (),
+    "controllers": ("problem", "algorithm", "me", "sample_time"),
+    "problems": ("agent", "agents", "sample_time"),
+    "plants": ("agent", "start", "sample_time", "rng"),
+    "topologies": ("agents",),
+}
+GROUPS = tuple(CONTEXT)
+
+
+def create(plugin: Plugin, context: Mapping[str, Any], options: Mapping[str, Any], where: str) -> Any:
+    """Call `plugin`: positional parameters by name from `context`, keyword-only ones from `options`.
+
+    Raises:
+        PluginError: Options do not fit, a positional parameter is not in the context, or the call fails.
+    """
+    values, problems = check_options(plugin, options, where)
+    problems += [f"{where}: {problem}" for problem in check_positional(plugin, context)]
+    if problems:
+        raise PluginError(problems)
+    try:
+        return plugin(*(context[name] for name in _positional(plugin)), **values)
+    except Exception as error:
+        raise PluginError(f"{where}: {name_of(plugin)} refused its options: {reason(error)}") from error
+
+
+def bind(plugin: Plugin, options: Mapping[str, Any], where: str) -> Plugin:
+    """An algorithm with its options bound, to be called with problem and me.
+
+    Raises:
+        PluginError: Options do not fit.
+    """
+    values, problems = check_options(plugin, options, where)
+    if problems:
+        raise PluginError(problems)
+    return functools.partial(plugin, **values)
+
+
+def check_options(plugin: Plugin, options: Mapping[str, Any], where: str) -> tuple[dict[str, Any], list[str]]:
+    """The values that `plugin` gets for `options`, and one line for each key that does not fit or is missing."""
+    schema = accepted(plugin)
+    values, problems = schema.convert(options)
+    problems |= schema.missing(options)
+    return values, [f"{where}.{key}: {text}" for key, text in problems.items()]
+
+
+def check_positional(plugin: Plugin, context: Iterable[str]) -> list[str]:
+    """One line for each positional parameter that the framework does not know."""
+    names = list(context)
+    return [
+        f"{name_of(plugin)} has a positional parameter {name!r}{nearest(name, names)} allowed: {listed(names)};"
+        " keys of the fleet file go after '*'"
+        for name in _positional(plugin)
+        if name not in names
+    ]
+
+
+def check_signature(group: str, plugin: Plugin) -> list[str]:
+    """One line for each thing about the positional parameters that does not fit `group`."""
+    if group != "algorithms":
+        return check_positional(plugin, CONTEXT[group])
+    names = _positional(plugin)
+    if len(names) == 2:
+        return []
+    return [f"{name_of(plugin)}: an algorithm's signature is (problem, me, *, options), not ({listed(names)}, ...)"]
+
+
+def _positional(plugin: Plugin) -> list[str]:
+    parameters = signature_of(plugin).parameters.values()
+    return [p.name for p in parameters if p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD)]

@@ -1,0 +1,87 @@
+"""Names to objects: what the kinds of a fleet file stand for."""
+
+import functools
+import importlib
+from collections.abc import Callable, Mapping
+from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
+from types import ModuleType
+from typing import Any, cast
+
+from dcf_zenoh.configuration.wording import listed, nearest, reason
+from dcf_zenoh.errors import PluginError
+from dcf_zenoh.plugins.plugin_file import import_file, split
+
+Plugin = Callable[..., Any]
+
+
+@functools.cache
+def known(group: str) -> Mapping[str, EntryPoint]:
+    """The installed kinds of a group, by name; a built-in one wins over another of the same name."""
+    points = entry_points(group=f"dcf_zenoh.{group}")
+    return {point.name: point for point in sorted(points, key=lambda point: (_is_ours(point), point.name))}
+
+
+def _is_ours(point: EntryPoint) -> bool:
+    return point.dist is not None and point.dist.name.lower().replace("_", "-") == "dcf-zenoh"
+
+
+def is_built_in(group: str, kind: str) -> bool:
+    """Whether `kind` comes with dcf-zenoh: loading it runs no code of others."""
+    return kind in (points := known(group)) and _is_ours(points[kind])
+
+
+def load(group: str, kind: str, folder: Path) -> Plugin:
+    """The class or function that `kind` names.
+
+    Args:
+        group: Such as ``algorithms``.
+        kind: Entry point, ``package.module:Name`` or ``./file.py:Name``.
+        folder: What the paths of files are relative to.
+
+    Raises:
+        PluginError: There is no such kind, or it cannot be imported; the message says why.
+    """
+    if in_file := split(kind):
+        path, name = folder / in_file[0], in_file[1]
+        plugin = _attribute(import_file(path, kind), name, kind)
+    elif ":" in kind:
+        module, _, name = kind.partition(":")
+        plugin = _attribute(_import(module, kind), name, kind)
+    else:
+        check_known(group, kind)
+        point = known(group)[kind]
+        plugin = _attribute(_import(point.module, kind), point.attr or "", kind)
+    if not callable(plugin):
+        raise PluginError(f"{kind} is {type(plugin).__name__}, not a class or function")
+    return cast(Plugin, plugin)
+
+
+def check_known(group: str, kind: str) -> None:
+    """Refuse a kind without ``:`` that is not installed, without importing anything.
+
+    Raises:
+        PluginError: With the kinds that there are and the nearest spelling.
+    """
+    names = sorted(known(group))
+    if ":" not in kind and kind not in names:
+        raise PluginError(
+            f"unknown kind {kind!r}{nearest(kind, names)} known {group}: {listed(names)};"
+            " or 'package.module:Name', './file.py:Name'"
+        )
+
+
+def _attribute(module: ModuleType, name: str, kind: str) -> object:
+    if not hasattr(module, name):
+        own = module.__name__
+        names = [each for each, value in vars(module).items() if getattr(value, "__module__", None) == own]
+        origin = getattr(module, "__file__", None) or own
+        raise PluginError(f"{kind}: {origin} has no {name!r}{nearest(name, names)} it defines: {listed(names)}")
+    return getattr(module, name)
+
+
+def _import(module: str, kind: str) -> ModuleType:
+    try:
+        return importlib.import_module(module)
+    except (Exception, SystemExit) as error:  # a script exits
+        raise PluginError(f"{kind}: importing {module} failed: {reason(error)}") from error

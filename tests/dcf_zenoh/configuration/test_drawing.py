@@ -1,0 +1,15 @@
+from pathlib import Path
+
+import numpy as np
+
+from dcf_zenoh.config import graph_of, load, weights_of
+from dcf_zenoh.graph import metropolis, uniform
+
+
+def test_graph_and_weights_follow_from_the_topology(file: Path) -> None:
+    fleet = load(file)
+    graph = graph_of(fleet)
+    assert graph.in_neighbours(1) == (2, 3)
+    assert np.array_equal(weights_of(fleet.spec, graph), metropolis(graph))
+    directed = load(file, changes=["topology.directed=true"])
+    assert np.array_equal(weights_of(directed.spec, graph_of(directed)), uniform(graph_of(directed)))

@@ -1,0 +1,56 @@
+import re
+from pathlib import Path
+from typing import Any
+
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from dcf_zenoh.config import LoadedFleet, load, to_toml
+
+
+def again(spec_text: str, folder: Path) -> LoadedFleet:
+    copy = folder / "again.toml"
+    copy.write_text(spec_text, encoding="utf-8")
+    return load(copy)
+
+
+def test_written_out_file_loads_to_the_same_fleet(file: Path) -> None:
+    changes = ["zenoh.settings.a/b='x [\\n'", "time.arrived.within=0.1", "agents.1.endpoint=tcp/127.0.0.1:9"]
+    for fleet in (load("position_swap"), load(file, changes=changes, topology="star", algorithm="fine")):
+        assert again(to_toml(fleet.spec), file.parent).spec == fleet.spec
+
+
+def test_written_out_file_is_complete_and_in_order(file: Path) -> None:
+    text = to_toml(load(file).spec)
+    assert re.findall(r"^\[(\w+)\]", text, re.M) == [
+        "time",
+        "exchange",
+        "topology",
+        "problem",
+        "algorithm",
+        "controller",
+        "log",
+        "zenoh",
+    ]
+    assert "start = [0.0, 1.0]\n" in text
+    assert "max_rounds = 200\n" in text
+
+
+OPTIONS = st.recursive(
+    st.booleans() | st.integers(-(2**53), 2**53) | st.floats(allow_nan=False) | st.text(),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(), inner, max_size=3),
+    max_leaves=8,
+)
+
+
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+@given(
+    options=st.dictionaries(st.text(min_size=1), OPTIONS, max_size=4),
+    threshold=st.floats(0, 1e300),
+    seed=st.integers(0, 2**63),
+)
+def test_any_value_survives_writing_out(file: Path, options: dict[str, Any], threshold: float, seed: int) -> None:
+    spec = load(file, seed=seed, changes=[f"exchange.threshold={threshold!r}"]).spec
+    zenoh = spec.zenoh.model_copy(update={"settings": options})
+    spec = spec.model_copy(update={"zenoh": zenoh})
+    assert again(to_toml(spec), file.parent).spec == spec
