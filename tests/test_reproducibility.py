@@ -1,0 +1,143 @@
+"""Same seed, same bits: in the simulator in any order of agents, and in daemons over Zenoh, on any topology."""
+
+import json
+import random
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import dcf_zenoh
+from dcf_zenoh.run import Run
+from tests.references import INSTANCES, Reference
+
+EXAMPLES = Path(__file__).parents[1] / "examples"
+TEN_STEPS = "time.duration=2.0"
+
+
+def launch(fleet: str | Path, out: Path, *options: str) -> dict[str, Any]:
+    """Launch daemons in virtual time; the summary."""
+    command = [sys.executable, "-m", "agentd", "launch", str(fleet), "--clock", "virtual", "--out", str(out)]
+    done = subprocess.run(
+        [*command, "--json", "--no-report", *options], capture_output=True, text=True, timeout=100, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    summary: dict[str, Any] = json.loads(done.stdout)
+    return summary
+
+
+@contextmanager
+def both_cores_busy() -> Iterator[None]:
+    """Two processes that do nothing but compute."""
+    busy = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(2)]
+    try:
+        yield
+    finally:
+        for process in busy:
+            process.kill()
+            process.wait()
+
+
+@pytest.mark.parametrize("fleet", ["position_swap", "position_swap_six", "average"])
+def test_the_order_in_which_the_simulator_resumes_agents_does_not_matter(fleet: str) -> None:
+    digests = {dcf_zenoh.simulate(fleet, changes=[TEN_STEPS]).digest}
+    for seed in range(5):
+        order = random.Random(seed)
+        digests.add(dcf_zenoh.simulate(fleet, changes=[TEN_STEPS], choose=order.randrange).digest)
+    assert len(digests) == 1
+
+
+def test_a_recorded_run_equals_one_that_is_kept_in_memory(tmp_path: Path) -> None:
+    memory = dcf_zenoh.simulate("position_swap", changes=[TEN_STEPS])
+    recorded = dcf_zenoh.simulate("position_swap", changes=[TEN_STEPS], out=tmp_path / "run")
+    assert recorded.digest == memory.digest
+    assert Run.read(tmp_path / "run").digest == memory.digest
+
+
+@pytest.mark.parametrize("topology", ["complete", "ring", "star", "path"])
+def test_daemons_do_what_the_simulator_does(topology: str, tmp_path: Path) -> None:
+    changes = ["time.duration=6.0"]
+    simulated = dcf_zenoh.simulate("position_swap", topology=topology, changes=changes)
+    launched = launch("position_swap", tmp_path / "run", "--topology", topology, "--set", *changes)
+    assert launched["digest"] == simulated.digest
+    assert launched["steps"] == 30
+
+
+@pytest.mark.parametrize("fleet", ["position_swap_six", "position_swap_ten"])
+def test_larger_fleets_do_what_the_simulator_does(fleet: str, tmp_path: Path) -> None:
+    simulated = dcf_zenoh.simulate(fleet, changes=[TEN_STEPS])
+    for attempt in range(2):
+        assert launch(fleet, tmp_path / f"run{attempt}", "--set", TEN_STEPS)["digest"] == simulated.digest
+
+
+def test_the_load_of_the_machine_does_not_matter(tmp_path: Path) -> None:
+    simulated = dcf_zenoh.simulate("position_swap", topology="ring", changes=[TEN_STEPS])
+    with both_cores_busy():
+        for attempt in range(2):
+            launched = launch("position_swap", tmp_path / f"run{attempt}", "--topology", "ring", "--set", TEN_STEPS)
+            assert launched["digest"] == simulated.digest
+
+
+def test_a_full_swap_over_zenoh_is_the_simulated_one_and_arrives(tmp_path: Path) -> None:
+    simulated = dcf_zenoh.simulate("position_swap")
+    launched = launch("position_swap", tmp_path / "run")
+    assert launched["digest"] == simulated.digest
+    assert launched["arrived"]
+    assert 9.5 <= launched["arrival_time"] <= 13.0
+    assert launched["min_barrier"] >= 0.11
+    assert launched["min_distance"] >= 0.25
+
+
+@pytest.mark.parametrize("fleet", ["position_swap_six", "position_swap_ten"])
+def test_larger_fleets_arrive_without_collision(fleet: str) -> None:
+    summary = dcf_zenoh.simulate(fleet).summary()
+    assert summary["arrived"]
+    assert summary["min_barrier"] >= 0.0
+
+
+@pytest.mark.parametrize("name", INSTANCES)
+def test_the_distributed_solution_is_the_equilibrium_in_the_simulator_and_over_zenoh(name: str, tmp_path: Path) -> None:
+    reference = Reference.read(name)
+    file = tmp_path / f"{name}.toml"
+    file.write_text(reference.fleet_file(rounds=2500, threshold=1e-10))
+    simulated = dcf_zenoh.simulate(file)
+    shadow = np.array(reference.data["A_lambda"]).reshape(len(reference.agents), 6)
+    for i, log in simulated.agents.items():
+        np.testing.assert_allclose(log.decision[0], reference.expected("u_star", i), atol=1e-6)
+        lam = np.array(log.rounds_log[0][-1][3]["lam"])
+        np.testing.assert_allclose(reference.games[i].A.T @ lam, shadow[i], atol=1e-6)
+    if name in ("n4_complete_start", "n6_line_nonpotential"):
+        assert launch(file, tmp_path / "run")["digest"] == simulated.digest
+
+
+def test_average_consensus_finds_the_mean(tmp_path: Path) -> None:
+    simulated = dcf_zenoh.simulate("average")
+    for log in simulated.agents.values():
+        np.testing.assert_allclose(log.decision, [[4.0]], atol=1e-8)
+    assert launch("average", tmp_path / "run")["digest"] == simulated.digest
+
+
+def test_an_algorithm_in_a_file_of_its_own_flies_in_the_simulator_and_in_daemons(tmp_path: Path) -> None:
+    file = EXAMPLES / "my_swap.toml"
+    simulated = dcf_zenoh.simulate(file)
+    summary = simulated.summary()
+    assert summary["arrived"]
+    assert summary["min_barrier"] >= 0.11
+    assert launch(file, tmp_path / "run")["digest"] == simulated.digest
+
+
+def test_another_seed_is_another_run_only_where_chance_plays(tmp_path: Path) -> None:
+    (tmp_path / "coin.py").write_text(
+        "import numpy as np\n"
+        "def coin(problem, me):\n"
+        "    inbox = yield {'x': me.rng.normal(size=2)}, 0.0\n"
+        "    return me.result(me.mix(inbox, 'x'))\n"
+    )
+    kind = f"{tmp_path}/coin.py:coin"
+    digests = [dcf_zenoh.simulate("average", algorithm=kind, seed=seed).digest for seed in (1, 1, 2)]
+    assert digests[0] == digests[1] != digests[2]
