@@ -1,16 +1,14 @@
-"""The command line: what `agentd` understands, and its exit codes.
-
-0: all well. 1: a run failed, or two runs differ. 2: the command line or the fleet file is wrong. 130: interrupted.
-"""
+"""The command line: what `agentd` understands, and how it ends (`agentd.exit_codes`)."""
 
 import argparse
 import logging
 import sys
+import traceback
 from collections.abc import Sequence
 from pathlib import Path
 
-from agentd import commands
-from dcf_zenoh.errors import ConfigurationError, DcfError
+from agentd import commands, exit_codes
+from dcf_zenoh.errors import AlgorithmError, ConfigurationError, DcfError, NeighbourLost, PlantError
 from dcf_zenoh.plugins import GROUPS
 
 DESCRIPTION = """\
@@ -36,19 +34,25 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return code
     except ConfigurationError as error:
         _complain(error)
-        return 2
+        return exit_codes.MISUSED
+    except NeighbourLost as error:
+        _complain(error)
+        return exit_codes.NEIGHBOUR_LOST
     except DcfError as error:
         _complain(error)
-        return 1
+        return exit_codes.FAILED
     except KeyboardInterrupt:
         print("agentd: interrupted", file=sys.stderr)
-        return 130
+        return exit_codes.INTERRUPTED
     except BrokenPipeError:  # whoever read our output has had enough
         sys.stderr.close()
-        return 1
+        return exit_codes.FAILED
 
 
 def _complain(error: DcfError) -> None:
+    """One line per problem; before it, the traceback of an exception in the user's own code."""
+    if isinstance(error, AlgorithmError | PlantError) and not isinstance(error.__cause__, DcfError | None):
+        traceback.print_exception(error.__cause__)
     for line in str(error).splitlines():
         print(f"agentd: {line}", file=sys.stderr)
 

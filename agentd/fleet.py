@@ -15,11 +15,13 @@ from queue import Empty, SimpleQueue
 from types import FrameType
 from typing import Any, TypeAlias
 
+from agentd.exit_codes import NEIGHBOUR_LOST
 from agentd.rundir import free_endpoints, write_about
 from dcf_zenoh.config import LoadedFleet, freeze
 from dcf_zenoh.errors import DcfError
 
 REACTION = 2.0  # s the others get to end by themselves after one has failed
+LINGER = 30.0  # s the others get to end after one has reached its planned end
 TERM = 3.0  # s between SIGTERM and SIGKILL
 
 Show: TypeAlias = Callable[[Mapping[int, Mapping[str, Any]]], None]
@@ -55,9 +57,31 @@ class Daemon:
             self.status = json.loads(line)
 
     def last_words(self) -> str:
-        """The last line of its standard error."""
+        """The last line of its standard error, without the name of the program."""
         lines = self.errors.read_text(encoding="utf-8", errors="replace").strip().splitlines()
-        return lines[-1] if lines else ""
+        return lines[-1].removeprefix("agentd: ") if lines else ""
+
+
+class Problems:
+    """What went wrong, told at once and kept.
+
+    Args:
+        say: Told of each.
+
+    Attributes:
+        causes: What went wrong by itself.
+        effects: What went wrong because of another agent.
+    """
+
+    def __init__(self, say: Say) -> None:
+        self._say = say
+        self.causes: list[str] = []
+        self.effects: list[str] = []
+
+    def add(self, text: str, *, effect: bool = False) -> None:
+        """Note `text`."""
+        (self.effects if effect else self.causes).append(text)
+        self._say(text)
 
 
 def launch(fleet: LoadedFleet, folder: Path, show: Show, say: Say) -> None:
@@ -84,20 +108,20 @@ def launch(fleet: LoadedFleet, folder: Path, show: Show, say: Say) -> None:
     write_about(folder, about)
     patient = fleet.spec.time.clock == "wall" and fleet.spec.safety.neighbour_silent.then == "hold"
     daemons: dict[int, Daemon] = {}
-    problems: list[str] = []
+    problems = Problems(say)
     with _stop_requests() as asked:
         try:
             for agent in frozen.spec.ids:
                 daemons[agent] = _spawn(folder, agent)
-            _supervise(daemons, asked, show, say, problems, patient=patient)
+            _supervise(daemons, asked, show, problems, patient=patient)
         finally:
-            _end(daemons, say)
+            _end(daemons, problems)
             about["ended"] = datetime.now(UTC).isoformat()
             about["exit_codes"] = {i: daemon.code for i, daemon in daemons.items()}
-            about["problems"] = problems
+            about["problems"] = [*problems.causes, *problems.effects]
             write_about(folder, about)
-    if problems:
-        raise FleetFailed("; ".join(problems))
+    if found := problems.causes or problems.effects:
+        raise FleetFailed("; ".join(found))
 
 
 def _spawn(folder: Path, agent: int) -> Daemon:
@@ -120,7 +144,7 @@ def _spawn(folder: Path, agent: int) -> Daemon:
 
 
 def _supervise(
-    daemons: Mapping[int, Daemon], asked: SimpleQueue[str], show: Show, say: Say, problems: list[str], *, patient: bool
+    daemons: Mapping[int, Daemon], asked: SimpleQueue[str], show: Show, problems: Problems, *, patient: bool
 ) -> None:
     """Watch until all daemons have ended, or until it is time to end them; note what went wrong."""
     began, shown = time.monotonic(), 0.0
@@ -128,8 +152,7 @@ def _supervise(
     while any(daemon.code is None for daemon in daemons.values()) and time.monotonic() < give_up:
         try:
             reason = asked.get(timeout=0.02)
-            problems.append(reason)
-            say(f"{reason}: stopping the fleet")
+            problems.add(f"{reason}: the fleet was stopped")
             return
         except Empty:
             pass
@@ -138,9 +161,10 @@ def _supervise(
             if daemon.code is None and (code := daemon.process.poll()) is not None:
                 daemon.code = code
                 if code:
-                    problems.append(f"agent {daemon.agent} {_death(daemon, now - began)}")
-                    say(problems[-1])
-                    give_up = give_up if patient else min(give_up, now + REACTION)
+                    text = f"agent {daemon.agent} {_death(daemon, now - began)}"
+                    problems.add(text, effect=code == NEIGHBOUR_LOST)
+                if not (code and patient):
+                    give_up = min(give_up, now + (REACTION if code else LINGER))
         if now - shown >= 0.1:
             shown = now
             show({i: daemon.status for i, daemon in daemons.items()})
@@ -151,12 +175,15 @@ def _death(daemon: Daemon, after: float) -> str:
     """How a daemon ended, and when."""
     code = daemon.code or 0
     how = f"was killed by {signal.Signals(-code).name}" if code < 0 else f"ended with exit code {code}"
-    step = f" in step {daemon.status['step']}" if daemon.status else ""
     words = daemon.last_words()
-    return f"{how} {after:.1f} s after the launch{step}" + (f": {words}" if words else "")
+    return f"{how} {after:.1f} s after the launch{_progress(daemon)}" + (f": {words}" if words else "")
 
 
-def _end(daemons: Mapping[int, Daemon], say: Say) -> None:
+def _progress(daemon: Daemon) -> str:
+    return f", after step {daemon.status['step']}" if daemon.status else ", before its first step"
+
+
+def _end(daemons: Mapping[int, Daemon], problems: Problems) -> None:
     """Make sure that no daemon is left: ask, wait, and end by force whoever does not listen."""
     running = [daemon for daemon in daemons.values() if daemon.process.poll() is None]
     for daemon in running:
@@ -166,7 +193,7 @@ def _end(daemons: Mapping[int, Daemon], say: Say) -> None:
         try:
             daemon.process.wait(max(0.0, deadline - time.monotonic()))
         except subprocess.TimeoutExpired:
-            say(f"agent {daemon.agent} did not end within {TERM:g} s of SIGTERM: killed")
+            problems.add(f"agent {daemon.agent} did not end within {TERM:g} s of SIGTERM: killed{_progress(daemon)}")
             daemon.process.kill()
     for daemon in daemons.values():
         daemon.code = daemon.process.wait(TERM)

@@ -45,7 +45,7 @@ class Progress:
 
     def say(self, line: str) -> None:
         """Print a line that stays."""
-        self._console.print(f"agentd: {line}", style="bold red", markup=False, highlight=False)
+        self._console.print(f"agentd: {line}", style="bold red", markup=False, highlight=False, soft_wrap=True)
 
     def show(self, status: Mapping[int, Mapping[str, Any]]) -> None:
         """Show agent -> last status."""

@@ -94,7 +94,7 @@ def run_wall(parts: AgentParts, network: Network) -> Last:
 
     def hear(request: Wait) -> None:
         """Wait for messages, at most until the request's time; nobody waits for the dead."""
-        deadline = time.monotonic() + (request.until - clock.now()) * 1e-9
+        deadline = clock.deadline(request.until)
         while lacking := mailbox.lacks(request.senders, request.step, request.round):
             awaited = [j for j in lacking if j not in mailbox.lost] if mailbox.lost else lacking
             if not awaited:
@@ -108,8 +108,8 @@ def run_wall(parts: AgentParts, network: Network) -> Last:
         mailbox.skip_gaps()
 
     def sleep(until: int) -> None:
-        while (left := until - clock.now()) > 0:
-            feed.events(time.monotonic() + left * 1e-9)
+        while clock.now() < until:
+            feed.events(clock.deadline(until))
 
     reply: int | None = None
     while True:
@@ -119,7 +119,7 @@ def run_wall(parts: AgentParts, network: Network) -> Last:
             return _done(finished)
         if isinstance(request, Publish):
             reply = clock.now()
-            network.publish(request.message._replace(sent=reply), request.receiver)
+            network.publish(request.message, request.receiver, reply)
             continue
         if isinstance(request, Wait):
             hear(request) if request.senders else sleep(request.until)
@@ -171,6 +171,7 @@ def run_virtual(parts: AgentParts, network: Network, silence: float) -> Last:
             if request.senders:
                 hear(request)
             else:
+                feed.events(0.0)  # whoever waits for nobody can be stopped too
                 clock.advance(request.until)
         reply = clock.now()
 

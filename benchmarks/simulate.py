@@ -80,7 +80,8 @@ def main() -> None:
     ratio = [a / b for a, b in zip(simulated, plain, strict=True)]
     print(f"{flown:.1f} s of flight, {sum(rounds)} rounds of {len(fleet.spec.ids)} agents, {pairs} alternating pairs")
     print(
-        f"  times real time:      median {statistics.median(speed):5.1f}  best {max(speed):5.1f} ({FLOOR:g} floor, {GOAL:g} goal)"
+        f"  times real time:      median {statistics.median(speed):5.1f}  best {max(speed):5.1f}"
+        f" (floor {FLOOR:g}, goal {GOAL:g})"
     )
     print(f"  simulator/plain loop: median {statistics.median(ratio):5.2f}  best {min(ratio):5.2f}   (goal: at most 2)")
 

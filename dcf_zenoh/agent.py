@@ -9,7 +9,7 @@ import numpy as np
 
 from dcf_zenoh.algorithms.algorithm import Dialogue, Me
 from dcf_zenoh.controllers.controller import Controller, Decision
-from dcf_zenoh.errors import NeighbourLost, NotReady, NumericalError
+from dcf_zenoh.errors import AlgorithmError, NeighbourLost, NotReady, NumericalError, PlantError, blaming
 from dcf_zenoh.exchange import Exchange, Outcome
 from dcf_zenoh.messaging.message import Last
 from dcf_zenoh.plant import Array, Plant, Setpoint, State
@@ -38,6 +38,8 @@ def agent(
         NotReady: The fleet did not agree on a start in time.
         NeighbourLost: A neighbour was lost, and the fleet file says stop.
         NumericalError: A plant or a controller produced a value that is not a number.
+        PlantError: The plant raised an exception.
+        AlgorithmError: The algorithm, or the problem or controller around it, raised an exception.
     """
     sample_time = nanoseconds(fleet.time.sample_time)
     budget = nanoseconds(fleet.exchange.step_budget(fleet.time.sample_time))
@@ -48,24 +50,33 @@ def agent(
     reason = Last.DONE
 
     now = yield from _start(me, exchange, nanoseconds(fleet.zenoh.ready_timeout))
-    plant.start(now)
+    with blaming(PlantError, f"agent {me.id}: start"):
+        plant.start(now)
     for step in range(steps):
         due = step * sample_time
+        place = f"agent {me.id}: step {step}"
         now = yield Wait(due)  # 4 synchronise
-        state = _finite(plant.sense(now), me.id, step)  # 3 sense
+        with blaming(PlantError, f"{place}: sense"):
+            state = _finite(plant.sense(now), place)  # 3 sense
         sensed = now
         if holding:
             yield exchange.abstain(step, now)
-            plant.act(Setpoint.hold(state), now)
+            with blaming(PlantError, f"{place}: act"):
+                plant.act(Setpoint.hold(state), now)
             recorder.step(StepRecord.abstained(step, sensed, state, Setpoint.hold(state), holding))
             continue
-        settled = arrival.update(now, distance_to_go(state))
+        with blaming(AlgorithmError, place):
+            settled = arrival.update(now, distance_to_go(state))
+            dialogue = controller.control(state)
         outcome = yield from exchange.negotiate(  # 1 communicate, 2 compute
-            controller.control(state), step, now, until=due + budget, settled=settled
+            dialogue, step, now, until=due + budget, settled=settled
         )
         now = outcome.now
-        setpoint, late = _in_time(outcome, controller, state, fleet.exchange.late, late=now > due + sample_time)
-        plant.act(_sound(setpoint, me.id, outcome, step), now)  # 3 act
+        with blaming(AlgorithmError, f"{place} round {outcome.rounds}"):
+            setpoint, late = _in_time(outcome, controller, state, fleet.exchange.late, late=now > due + sample_time)
+            _check_sound(setpoint, outcome, place)
+        with blaming(PlantError, f"{place}: act"):
+            plant.act(setpoint, now)  # 3 act
         recorder.step(StepRecord.of(step, sensed, state, setpoint, outcome, late=late))  # 5 log
         if outcome.all_settled or exchange.departed(Last.ARRIVED):
             reason = Last.ARRIVED
@@ -73,10 +84,12 @@ def agent(
         if lost := exchange.lost_neighbours(step, now, nanoseconds(silent.after)):
             holding = "; ".join(f"neighbour {j} is lost ({how})" for j, how in lost.items())
             if silent.then == "stop":
-                raise NeighbourLost(f"agent {me.id}: step {step}: {holding}")
+                raise NeighbourLost(f"{place}: {holding}")
     now = yield Wait((step + 1) * sample_time)
-    recorder.end(reason.name.lower(), now, plant.sense(now), holding, exchange.counts)
-    plant.finish(now, reason.name.lower())
+    with blaming(PlantError, f"agent {me.id}: finish"):
+        state = plant.sense(now)
+        plant.finish(now, reason.name.lower())
+    recorder.end(reason.name.lower(), now, state, holding, exchange.counts)
     yield exchange.goodbye(step + 1, now, reason)
     return reason
 
@@ -132,20 +145,18 @@ def _in_time(
     return planned or Setpoint.hold(state), True
 
 
-def _finite(state: State, agent: int, step: int) -> State:
+def _finite(state: State, place: str) -> State:
     if not np.isfinite(state.vector).all():
-        raise NumericalError(f"agent {agent}: step {step}: the plant's state is not finite: {_show(state.vector)}")
+        raise NumericalError(f"{place}: the plant's state is not finite: {_show(state.vector)}")
     return state
 
 
-def _sound(setpoint: Setpoint, agent: int, outcome: Outcome[Decision], step: int) -> Setpoint:
-    vector = setpoint.vector if setpoint.acceleration is not None else setpoint.position
-    if not (np.isfinite(vector).all() and np.isfinite(outcome.result.value).all()):
-        raise NumericalError(
-            f"agent {agent}: step {step} round {outcome.rounds}: the controller's setpoint is not finite:"
-            f" {_show(vector)}"
-        )
-    return setpoint
+def _check_sound(setpoint: Setpoint, outcome: Outcome[Decision], place: str) -> None:
+    """Refuse a decision, or a setpoint made from it, that is not finite."""
+    flown = setpoint.vector if setpoint.acceleration is not None else setpoint.position
+    for what, vector in (("the algorithm's decision", outcome.result.value), ("the controller's setpoint", flown)):
+        if not np.isfinite(vector).all():
+            raise NumericalError(f"{place} round {outcome.rounds}: {what} is not finite: {_show(vector)}")
 
 
 def _show(vector: Array) -> str:

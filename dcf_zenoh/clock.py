@@ -17,9 +17,10 @@ class WallClock:
         """Fleet time, ns."""
         return time.time_ns() if self._origin is None else time.monotonic_ns() - self._origin
 
-    def at(self, monotonic: int) -> int:
-        """Fleet time of an instant of this machine's monotonic clock, ns."""
-        return self.now() - (time.monotonic_ns() - monotonic)
+    def deadline(self, instant: int) -> float:
+        """A fleet time as a time of this machine's monotonic clock, s."""
+        origin = time.monotonic_ns() - time.time_ns() if self._origin is None else self._origin
+        return (instant + origin) * 1e-9
 
     def start(self, instant: int) -> None:
         """Let fleet time be 0 at `instant`, ns UTC."""

@@ -1,6 +1,12 @@
 """The error tree. Everything this project raises on purpose derives from `DcfError`."""
 
-from collections.abc import Sequence
+import sysconfig
+import traceback
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+_NOT_THE_USERS = (str(Path(__file__).parent), *sysconfig.get_paths().values())
 
 
 class DcfError(Exception):
@@ -35,7 +41,14 @@ class MessageError(DcfError):
 
 
 class AlgorithmError(DcfError):
-    """An algorithm broke the contract (see `dcf_zenoh.algorithms.algorithm`), or cannot solve this problem."""
+    """An algorithm broke the contract (see `dcf_zenoh.algorithms.algorithm`), or cannot solve this problem.
+
+    Where it, its problem or its controller raised an exception, that is the cause.
+    """
+
+
+class PlantError(DcfError):
+    """A plant raised an exception; that is the cause."""
 
 
 class NumericalError(DcfError):
@@ -60,3 +73,25 @@ class Silence(NeighbourLost, TimeoutError):
 
 class RecordingError(DcfError):
     """A run directory or log cannot be written, or is not one of ours."""
+
+
+@contextmanager
+def blaming(kind: type[DcfError], where: str) -> Iterator[None]:
+    """Turn any exception of the body but our own into a `kind` that names `where` and the line of code."""
+    try:
+        yield
+    except DcfError:
+        raise
+    except Exception as error:
+        raise kind(f"{where}: {account(error)}") from error
+
+
+def account(error: BaseException) -> str:
+    """What code of others raised, and where, in one line: ``ZeroDivisionError: division by zero (mine.py:17)``.
+
+    The line is the innermost one that is neither of this package nor of an installed one, if there is any.
+    """
+    frames = traceback.extract_tb(error.__traceback__)
+    users = [frame for frame in frames if not frame.filename.startswith(_NOT_THE_USERS)]
+    at = "".join(f" ({Path(frame.filename).name}:{frame.lineno})" for frame in (users or frames)[-1:])
+    return " ".join(f"{type(error).__name__}: {error}".removesuffix(": ").split()) + at

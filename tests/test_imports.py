@@ -13,14 +13,24 @@ LAYERS = (
     "errors",
     "plant spec graph clock messaging.message configuration.wording",
     "requests agreement messaging.mailbox faults algorithms problems",
-    "controllers exchange recording",
+    "controllers reception exchange recording",
     "agent messaging testing",
     "plugins",
     "configuration config",
     "assembly run simulation comparison",
 )
 FOR_FAMILIES = {"dcf_zenoh.spec", "dcf_zenoh.plant", "dcf_zenoh.graph", "dcf_zenoh.errors"}
-WITHOUT_IO = ("algorithms", "problems", "controllers", "faults", "exchange", "agreement", "requests", "agent")
+WITHOUT_IO = (
+    "algorithms",
+    "problems",
+    "controllers",
+    "faults",
+    "reception",
+    "exchange",
+    "agreement",
+    "requests",
+    "agent",
+)
 IO = ("zenoh", "threading", "socket", "logging", "matplotlib", "time")
 COMPOSITION = ("messaging.network", "config", "configuration", "plugins")
 

@@ -154,7 +154,7 @@ class Me:
                 else:
                     total += term  # terms are fresh, so this changes nobody's array
         except KeyError:
-            raise AlgorithmError(f"agent {self.id}: a payload has no entry {name!r} to mix") from None
+            raise AlgorithmError(f"a payload has no entry {name!r} to mix") from None
         return total
 
     def note(self, **values: Any) -> None:

@@ -118,8 +118,8 @@ def canonical(payload: Payload) -> dict[str, Value]:
     return copy
 
 
-def encode(message: Message) -> bytes:
-    """Write `message`, whose payload is canonical, as bytes.
+def encode(message: Message, sent: int | None = None) -> bytes:
+    """Write `message`, whose payload is canonical, as bytes, with `sent` in place of its own if given.
 
     Raises:
         MessageError: It is larger than `BYTES_MAX`.
@@ -128,7 +128,8 @@ def encode(message: Message) -> bytes:
         name: (value.dtype.str, value.shape, value.tobytes()) if isinstance(value, np.ndarray) else value
         for name, value in message.payload.items()
     }
-    data: bytes = msgpack.packb((VERSION, *message[:-1], payload))
+    stamp = message.sent if sent is None else sent
+    data: bytes = msgpack.packb((VERSION, *message[:5], stamp, *message[6:-1], payload))
     if len(data) > BYTES_MAX:
         raise MessageError(f"a message of {len(data)} bytes is too large; at most {BYTES_MAX} can be sent")
     return data

@@ -122,6 +122,7 @@ class Address:
             "open/return_conditions": {"connect_scouted": False, "declares": False},
             "scouting/multicast/enabled": False,
             "scouting/gossip/enabled": False,
+            "transport/shared_memory/enabled": False,  # whoever is killed would leave a file in /dev/shm
         }
         for key, value in {**ours, **self.settings}.items():
             try:
@@ -178,10 +179,10 @@ class Network:
             channel.undeclare()  # type: ignore[no-untyped-call]
         self._session.close()  # type: ignore[no-untyped-call]
 
-    def publish(self, message: Message, receiver: int | None = None) -> None:
-        """Send `message` to the out-neighbour `receiver`, or to all of them."""
+    def publish(self, message: Message, receiver: int | None = None, sent: int | None = None) -> None:
+        """Send `message` to the out-neighbour `receiver`, or to all of them, stamped with `sent` if given."""
         publisher = self._publisher if receiver is None else self._edges[receiver]
-        publisher.put(encode(message))
+        publisher.put(encode(message, sent))
 
     def receive(self, sender: int, deadline: float) -> Message | Refused | None:
         """Wait for the next message of the in-neighbour `sender`.
@@ -244,6 +245,7 @@ class Network:
         """
         waiting = set(self._linked)
         last: dict[int, Hello] = {}
+        aside: list[Event] = []
         offsets: dict[int, ClockOffset] = {}
         deadline = time.monotonic() + timeout
         due = 0.0
@@ -258,9 +260,10 @@ class Network:
                 due = now + HELLO_PERIOD
                 for j in self._linked:
                     self._hello(j, fingerprint, last.get(j))
-            event = self.next_event(min(due, deadline))
-            if isinstance(event, Stop):
-                raise NotReady(f"agent {self._agent}: {event.reason} before all neighbours were ready")
+            event = self._next_of_meeting(min(due, deadline), aside)
+            if isinstance(event, Lost):  # if it comes back, it has to answer again
+                waiting.add(event.agent)
+                last.pop(event.agent, None)
             if not isinstance(event, Hello):
                 continue
             if event.fingerprint != fingerprint:
@@ -277,7 +280,19 @@ class Network:
                 offsets[event.sender] = min(found, key=lambda offset: offset.error)
         for j in self._linked:
             self._hello(j, fingerprint, last[j])
+        for event in aside:
+            self._events.put(event)
         return offsets
+
+    def _next_of_meeting(self, deadline: float, aside: list[Event]) -> Event | None:
+        """The next event that matters before the start; others go `aside`."""
+        event = self.next_event(deadline)
+        if isinstance(event, Stop):
+            raise NotReady(f"agent {self._agent}: {event.reason} before all neighbours were ready")
+        if isinstance(event, Refused):
+            aside.append(event)
+            return None
+        return event
 
     def _declare_publisher(self, receiver: str) -> zenoh.Publisher:
         return self._session.declare_publisher(
