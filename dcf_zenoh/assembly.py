@@ -107,7 +107,7 @@ class Blueprint:
             ),
         )
         mailbox = Mailbox(hood.receives_from)
-        noted = (lambda: me.noted) if spec.log.rounds else None
+        noted = me.take_notes if spec.log.rounds else None
         rounds = spec.exchange
         if spec.time.clock == "wall":  # there computing takes the time it takes
             rounds = rounds.model_copy(update={"compute_time": 0.0})

@@ -40,7 +40,7 @@ class Comparison:
     Attributes:
         remark: That the fleets are different ones; empty if they are not.
         comparable: Whether both runs have the same agents. Nothing else is compared if they have not.
-        first: The first deviation above the tolerance, by step, then agent, then in order of time; None: there is none.
+        first: The first deviation above the tolerance, by step, then in order of time, then agent; None: there is none.
         largest: Quantity -> its largest deviation, of those that deviate at all; largest first.
         tolerance: Deviations up to this do not count.
         sample_time: t_s, s.
@@ -108,15 +108,25 @@ def compare(a: Run, b: Run, *, tolerance: float = 0.0) -> Comparison:
 
 
 def _deviations(a: Run, b: Run) -> Iterator[Deviation]:
-    """All that differs at all, by step, then agent, then in order of time."""
+    """All that differs at all, in order of time: whoever differs first is likelier the cause than the lowest id."""
     pairs = {agent: (a.agents[agent], b.agents[agent]) for agent in sorted(a.agents)}
     for row in range(max(len(log.step) for pair in pairs.values() for log in pair)):
+        found: list[Deviation] = []
         for agent, (one, other) in pairs.items():
             shorter, longer = sorted((len(one.step), len(other.step)))
             if row < shorter:
-                yield from _step_deviations(agent, row, one, other)
+                found += _step_deviations(agent, row, one, other)
             elif row == shorter < longer:
-                yield Deviation(STEPS, float(longer - shorter), agent, int(max(one.step, other.step, key=len)[row]))
+                step = int(max(one.step, other.step, key=len)[row])
+                found.append(Deviation(STEPS, float(longer - shorter), agent, step))
+        yield from sorted(found, key=_moment)
+
+
+def _moment(deviation: Deviation) -> float:
+    """When in its step something happens: the state first, then the rounds, then what came of them."""
+    if deviation.quantity == "state":
+        return -1.0
+    return math.inf if deviation.round is None else deviation.round
 
 
 def _step_deviations(agent: int, row: int, one: AgentLog, other: AgentLog) -> Iterator[Deviation]:

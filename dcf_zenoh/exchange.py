@@ -175,9 +175,11 @@ class Exchange:
 
     @property
     def counts(self) -> dict[str, int]:
-        """Messages so far: published, and of those that came, duplicates and refused ones."""
+        """Messages so far: published here; and of the neighbours', those that never came and those not accepted."""
         return {
             "published": self._published,
+            "lost": self._mailbox.missing,
+            "overtaken": self._mailbox.overtaken,
             "duplicates": self._mailbox.duplicates,
             "refused": self._mailbox.refused,
         }

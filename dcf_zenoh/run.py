@@ -17,8 +17,6 @@ import numpy.typing as npt
 from dcf_zenoh.config import load
 from dcf_zenoh.errors import RecordingError
 from dcf_zenoh.plant import Array, read_only
-from dcf_zenoh.plugins import accepted, is_built_in
-from dcf_zenoh.plugins import load as load_plugin
 from dcf_zenoh.recording import SCHEMA, StepRecord, log_name, read_stream
 from dcf_zenoh.spec import FleetSpec
 
@@ -206,12 +204,8 @@ class Run:
 
     @cached_property
     def radii(self) -> tuple[float, float] | None:
-        """Half axes of the diamond-shaped safety region, m, if the fleet file or a built-in problem names them."""
-        problem = self.fleet.problem
-        radii = problem.options.get("radii")
-        if radii is None and is_built_in("problems", problem.kind):
-            schema = accepted(load_plugin("problems", problem.kind, Path()))
-            radii = {each.name: each.default for each in schema.parameters}.get("radii")
+        """Half axes of the diamond-shaped safety region, m, if the problem has them."""
+        radii = self.fleet.problem.options.get("radii")
         return None if radii is None else (float(radii[0]), float(radii[1]))
 
     @cached_property
@@ -278,7 +272,7 @@ class Run:
             "messages": {
                 "published": sum(log.end["counts"].get("published", 0) for log in logs if log.end),
                 "delivered": received + late,
-                "lost": 0,
+                "lost": sum(log.end["counts"].get("lost", 0) for log in logs if log.end),
                 "late": late,
                 "missing": missing,
             },

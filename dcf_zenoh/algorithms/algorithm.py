@@ -161,6 +161,11 @@ class Me:
         """Show values of this round to the log (written with ``log.rounds = true``)."""
         self.noted = values
 
+    def take_notes(self) -> Mapping[str, Any]:
+        """What was noted since the last call. The log calls this once a round."""
+        noted, self.noted = self.noted, {}
+        return noted
+
     def result(self, decision: npt.ArrayLike, **memory: Any) -> Result:
         """The result to return: this agent's decision, and what to recall in the next step."""
         return Result(read_only(decision), memory)

@@ -106,7 +106,7 @@ def _adapt_then_combine(game: CoupledGame, me: Me, use: _Steps) -> Generator[tup
         mu = np.minimum(np.maximum(lam + use.dual * c, 0.0), use.multiplier_max)
         new = u + use.relax * (game.project(u - use.step * (game.gradient(u, s) + mu @ game.A)) - u)
         nu = lam + use.blend * (mu - lam)
-        change = max(float(abs(new - u).max()), float(abs(nu - lam).max()))
+        change = max(float(abs(new - u).max()), float(abs(nu - lam).max(initial=0.0)))
         phi, g = game.contribution(new), game.coupling(new)
         inbox = yield {"s": phi + z, "c": g + y, "lam": nu}, change
         z, y, lam, u = me.mix(inbox, "s") - phi, me.mix(inbox, "c") - g, me.mix(inbox, "lam"), new
@@ -125,7 +125,7 @@ def _combine_then_adapt(game: CoupledGame, me: Me, use: _Steps) -> Generator[tup
         inbox = yield {"s": s, "c": c, "lam": lam}, change
         mu = np.minimum(np.maximum(lam + use.dual * c, 0.0), use.multiplier_max)
         new = u + use.relax * (game.project(u - use.step * (game.gradient(u, s) + mu @ game.A)) - u)
-        change = max(float(abs(new - u).max()), float(abs(mu - lam).max()))
+        change = max(float(abs(new - u).max()), float(abs(mu - lam).max(initial=0.0)))
         z, y = me.mix(inbox, "s") - phi, me.mix(inbox, "c") - g
         lam, u = me.mix(inbox, "lam") + use.blend * (mu - lam), new
         phi, g = game.contribution(u), game.coupling(u)

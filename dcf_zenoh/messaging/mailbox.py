@@ -19,7 +19,7 @@ class Delivery(NamedTuple):
 class _Sender:
     """The queue of one in-neighbour."""
 
-    __slots__ = ("ahead", "farewell", "known", "next", "ready")
+    __slots__ = ("ahead", "farewell", "known", "next", "ready", "skipped")
 
     def __init__(self) -> None:
         self.next = 0  # the sequence number that continues `ready`
@@ -27,6 +27,7 @@ class _Sender:
         self.ahead: list[tuple[int, Delivery]] = []  # ascending; arrived before a number that is still missing
         self.known = (-2, 0)  # heard without a gap up to this (step, round)
         self.farewell = Last.NO
+        self.skipped: set[int] = set()  # numbers given up
 
     def append(self, delivery: Delivery) -> None:
         message = delivery.message
@@ -47,6 +48,7 @@ class Mailbox:
 
     Attributes:
         duplicates: Messages dropped because their sequence number was already released.
+        overtaken: Messages dropped because they came after their number had been given up.
         refused: Arrivals that were no messages.
         lost: Neighbours that died, and how that was noticed.
     """
@@ -54,13 +56,17 @@ class Mailbox:
     def __init__(self, senders: Iterable[int]) -> None:
         self._senders = {sender: _Sender() for sender in senders}
         self.duplicates = 0
+        self.overtaken = 0
         self.refused = 0
         self.lost: dict[int, str] = {}
 
     def put(self, message: Message, due: int) -> None:
         """Take in one message."""
         sender = self._senders[message.sender]
-        if message.sequence < sender.next:
+        if message.sequence in sender.skipped:
+            sender.skipped.discard(message.sequence)
+            self.overtaken += 1
+        elif message.sequence < sender.next:
             self.duplicates += 1
         elif message.sequence == sender.next:
             sender.append(Delivery(message, due))
@@ -86,7 +92,17 @@ class Mailbox:
         """Give up numbers that have not come, where later ones have (the wall clock does, at a time-out)."""
         for sender in self._senders.values():
             while sender.ahead:
-                sender.append(sender.ahead.pop(0)[1])
+                number, delivery = sender.ahead.pop(0)
+                sender.skipped.update(range(sender.next, number))
+                if number >= sender.next:
+                    sender.append(delivery)
+                else:
+                    self.duplicates += 1
+
+    @property
+    def missing(self) -> int:
+        """Messages that never came, although later ones did."""
+        return sum(len(sender.skipped) for sender in self._senders.values())
 
     def take(self, sender: int, step: int, round: int) -> list[Delivery]:
         """Consume all that `sender` sent up to `round` of `step`, oldest first."""
