@@ -25,24 +25,8 @@ def launch(options: Namespace) -> int:
     Shows how far each agent is, ends with a summary and figures, and leaves everything in a run directory. When an
     agent fails the others end too (or hold, if the fleet file says so) and the exit code is not 0. Ctrl-C ends all.
     """
-    from agentd.fleet import launch as launch_fleet  # noqa: PLC0415 - opening Zenoh is for those who need it
-
     fleet = _load(options)
-    folder = new_run_folder(fleet.spec, options.out)
-    failure: DcfError | None = None
-    with Progress(fleet.spec, quiet=options.json) as progress:
-        try:
-            launch_fleet(fleet, folder, progress.show, progress.say)
-        except DcfError as error:
-            failure = error
-    try:
-        _finish(Run.read(folder), options)
-    except DcfError as error:
-        if failure is None:
-            raise
-        print(f"agentd: no summary: {error}", file=sys.stderr)
-    if failure is not None:
-        raise failure
+    _launch(fleet, new_run_folder(fleet.spec, options.out), options)
     return 0
 
 
@@ -81,13 +65,9 @@ def simulate(options: Namespace) -> int:
 
     The result depends on the fleet file and its seed only; `launch --clock virtual` gives the same bits.
     """
-    from dcf_zenoh.simulation import simulate as simulate_fleet  # noqa: PLC0415
-
     options.clock = "virtual"
     fleet = _load(options)
-    folder = new_run_folder(fleet.spec, options.out)
-    write_about(folder, {"fleet": fleet.spec.name, "run": folder.resolve().name, "source": fleet.source})
-    _finish(simulate_fleet(fleet, out=folder), options)
+    _simulate(fleet, new_run_folder(fleet.spec, options.out), options)
     return 0
 
 
@@ -142,17 +122,13 @@ def rerun(options: Namespace) -> int:
     from dcf_zenoh.comparison import compare  # noqa: PLC0415
 
     first = Run.read(options.run)
-    again = Namespace(
-        **{**vars(options), "fleet": str(options.run / "fleet.toml"), "set": []},
-        seed=None, clock=None, plant=None, algorithm=None, topology=None,
-    )  # fmt: skip
-    fleet = load(again.fleet)
-    again.out = new_run_folder(fleet.spec, options.out)
+    fleet = load(options.run / "fleet.toml")
+    folder = new_run_folder(fleet.spec, options.out)
     virtual = fleet.spec.time.clock == "virtual"
-    code = (simulate if virtual else launch)(again)
-    difference = compare(first, Run.read(again.out))
+    (_simulate if virtual else _launch)(fleet, folder, options)
+    difference = compare(first, Run.read(folder))
     print(difference, file=sys.stderr)
-    return 1 if virtual and not difference.identical else code
+    return 1 if virtual and not difference.identical else 0
 
 
 def diff(options: Namespace) -> int:
@@ -162,6 +138,34 @@ def diff(options: Namespace) -> int:
     difference = compare(Run.read(options.a), Run.read(options.b), tolerance=options.tolerance)
     print(difference)
     return 0 if difference.identical else 1
+
+
+def _launch(fleet: LoadedFleet, folder: Path, options: Namespace) -> None:
+    """Launch, and say what came of it, also when it failed."""
+    from agentd.fleet import launch as launch_fleet  # noqa: PLC0415 - Zenoh is for those who need it
+
+    failure: DcfError | None = None
+    with Progress(fleet.spec, quiet=options.json) as progress:
+        try:
+            launch_fleet(fleet, folder, progress.show, progress.say)
+        except DcfError as error:
+            failure = error
+    try:
+        _finish(Run.read(folder), options)
+    except DcfError as error:
+        if failure is None:
+            raise
+        print(f"agentd: no summary: {error}", file=sys.stderr)
+    if failure is not None:
+        raise failure
+
+
+def _simulate(fleet: LoadedFleet, folder: Path, options: Namespace) -> None:
+    """Simulate, and say what came of it."""
+    from dcf_zenoh.simulation import simulate as simulate_fleet  # noqa: PLC0415
+
+    write_about(folder, {"fleet": fleet.spec.name, "run": folder.resolve().name, "source": fleet.source})
+    _finish(simulate_fleet(fleet, out=folder), options)
 
 
 def _load(options: Namespace, *, run_plugins: bool = True) -> LoadedFleet:
