@@ -18,8 +18,9 @@ from agentd.runner import Stopped, await_goodbyes, run_virtual, run_wall, spare_
 from dcf_zenoh.assembly import AgentParts, Blueprint
 from dcf_zenoh.config import LoadedFleet, to_toml
 from dcf_zenoh.errors import NetworkError
+from dcf_zenoh.messaging.hello import ClockOffset
 from dcf_zenoh.messaging.message import VERSION, Last
-from dcf_zenoh.messaging.network import Address, ClockOffset, Network, Stop, endpoints_to_connect
+from dcf_zenoh.messaging.network import Address, Network, Stop, endpoints_to_connect
 from dcf_zenoh.plant import State
 from dcf_zenoh.recording import StepRecord, open_log
 from dcf_zenoh.requests import NEVER

@@ -62,8 +62,10 @@ class Feed:
         event = self._network.next_event(deadline)
         if isinstance(event, Stop):
             raise Stopped(event.reason)
-        if isinstance(event, Lost):
-            self._mailbox.lost[event.agent] = "its liveliness token is gone"
+        if isinstance(event, Lost) and event.agent in self._mailbox.senders:
+            self.drain(event.agent)  # it may have said goodbye before
+            if not self._mailbox.departed(event.agent):
+                self._mailbox.lost[event.agent] = "its liveliness token is gone"
         elif isinstance(event, Refused):
             self._take(event)
         return event is not None

@@ -146,7 +146,8 @@ class Run:
         if not (folder / "fleet.toml").is_file():
             raise RecordingError(f"{folder}: not a run directory: it has no fleet.toml")
         fleet = load(folder / "fleet.toml", run_plugins=False).spec
-        found = {i: folder / log_name(i) for i in fleet.ids if (folder / log_name(i)).is_file()}
+        paths = {i: folder / log_name(i) for i in fleet.ids}
+        found = {i: path for i, path in paths.items() if path.is_file() and path.stat().st_size}
         if not found:
             raise RecordingError(
                 f"{folder}: not one log of agents {list(fleet.ids)}; expected files like {log_name(1)}"

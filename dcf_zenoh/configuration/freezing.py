@@ -3,6 +3,7 @@
 import hashlib
 import importlib.util
 import json
+import os
 import sys
 import tomllib
 from collections.abc import Iterable, Iterator, Sequence
@@ -13,7 +14,7 @@ from dcf_zenoh.configuration.loaded_fleet import LoadedFleet
 from dcf_zenoh.configuration.validation import validate
 from dcf_zenoh.configuration.wording import Problems
 from dcf_zenoh.configuration.writing import table_of, toml
-from dcf_zenoh.errors import ConfigurationError, PluginError
+from dcf_zenoh.errors import ConfigurationError, PluginError, RecordingError
 from dcf_zenoh.plugins import split
 
 
@@ -28,7 +29,20 @@ def freeze(fleet: LoadedFleet, run_directory: Path) -> LoadedFleet:
 
     Raises:
         PluginError: The file of a plug-in cannot be read.
+        RecordingError: The directory cannot be written.
     """
+    try:
+        file = _write_all(fleet, run_directory)
+    except OSError as error:
+        raise RecordingError(f"{run_directory}: cannot be written: {error.strerror}") from error
+    spec = validate(tomllib.loads(file.read_text(encoding="utf-8")), problems := Problems())
+    if spec is None or problems:
+        raise ConfigurationError(problems.lines, str(file))
+    return LoadedFleet(spec, run_directory, str(file), fleet.notes)
+
+
+def _write_all(fleet: LoadedFleet, run_directory: Path) -> Path:
+    """Write everything; the fleet file."""
     table = table_of(fleet.spec)
     copies: dict[Path, str] = {}
     digests: dict[str, str] = {}
@@ -42,14 +56,17 @@ def freeze(fleet: LoadedFleet, run_directory: Path) -> LoadedFleet:
             choice["kind"] = f"./{copies[path]}:{in_file[1]}"
         elif ":" in kind and (source := _source_of(kind.partition(":")[0])):
             digests[kind.partition(":")[0]] = hashlib.sha256(source.read_bytes()).hexdigest()
-    run_directory.mkdir(parents=True, exist_ok=True)
-    (run_directory / "plugins.json").write_text(json.dumps(digests, indent=2) + "\n", encoding="utf-8")
-    file = run_directory / "fleet.toml"
-    file.write_text(toml(table), encoding="utf-8")
-    spec = validate(tomllib.loads(file.read_text(encoding="utf-8")), problems := Problems())
-    if spec is None or problems:
-        raise ConfigurationError(problems.lines, str(file))
-    return LoadedFleet(spec, run_directory, str(file), fleet.notes)
+    _write(run_directory / "plugins.json", (json.dumps(digests, indent=2) + "\n").encode())
+    _write(run_directory / "fleet.toml", toml(table).encode())
+    return run_directory / "fleet.toml"
+
+
+def _write(file: Path, content: bytes) -> None:
+    """Write a file in one step: agents of a fleet that share a directory may do so at the same time."""
+    file.parent.mkdir(parents=True, exist_ok=True)
+    temporary = file.with_name(f".{file.name}.{os.getpid()}")
+    temporary.write_bytes(content)
+    temporary.replace(file)
 
 
 def _kinds(table: dict[str, Any]) -> Iterator[dict[str, Any]]:
@@ -75,8 +92,7 @@ def _copy(path: Path, to: Path, kind: str) -> str:
         content = path.read_bytes()
     except OSError as error:
         raise PluginError(f"{kind}: cannot read {path}: {error.strerror}") from error
-    to.parent.mkdir(parents=True, exist_ok=True)
-    to.write_bytes(content)
+    _write(to, content)
     return hashlib.sha256(content).hexdigest()
 
 

@@ -100,6 +100,11 @@ class Mailbox:
                     self.duplicates += 1
 
     @property
+    def senders(self) -> Iterable[int]:
+        """The in-neighbours."""
+        return self._senders.keys()
+
+    @property
     def missing(self) -> int:
         """Messages that never came, although later ones did."""
         return sum(len(sender.skipped) for sender in self._senders.values())

@@ -19,12 +19,12 @@ from queue import Empty, SimpleQueue
 from types import TracebackType
 from typing import Any, NamedTuple, Self, TypeAlias
 
-import msgpack
 import zenoh
 from zenoh.handlers import FifoChannel
 
 from dcf_zenoh.errors import MessageError, NetworkError, NotReady
 from dcf_zenoh.graph import Neighbourhood
+from dcf_zenoh.messaging.hello import ClockOffset, Hello, Meeting
 from dcf_zenoh.messaging.message import Message, decode, encode
 from dcf_zenoh.messaging.waker import Waker
 
@@ -50,20 +50,6 @@ class Lost(NamedTuple):
     agent: int
 
 
-class Hello(NamedTuple):
-    """A neighbour says that it is there; stamps in ns UTC of the clock that made them.
-
-    `echo` and `heard` tell when the last hello from here was sent and when it arrived there; 0 if none has.
-    """
-
-    sender: int
-    fingerprint: str
-    sent: int
-    echo: int
-    heard: int
-    at: int
-
-
 class Stop(NamedTuple):
     """Somebody wants this agent to end."""
 
@@ -71,24 +57,6 @@ class Stop(NamedTuple):
 
 
 Event: TypeAlias = Refused | Lost | Hello | Stop
-
-
-@dataclass(frozen=True)
-class ClockOffset:
-    """How far a neighbour's clock is ahead of this one, in ns, and the largest error of that number.
-
-    Source: the four-stamp method of NTP (RFC 5905, section 8); the error is half the round trip.
-    """
-
-    ahead: int
-    error: int
-
-    @classmethod
-    def of(cls, hello: Hello) -> "ClockOffset":
-        """From a hello that answers one from here."""
-        ahead = (hello.heard - hello.echo) + (hello.sent - hello.at)
-        trip = (hello.at - hello.echo) - (hello.sent - hello.heard)
-        return cls(ahead // 2, max(0, trip) // 2)
 
 
 @dataclass(frozen=True)
@@ -227,10 +195,7 @@ class Network:
         self._waker.poke()
 
     def meet(self, fingerprint: str, timeout: float) -> dict[int, ClockOffset]:
-        """Say hello to all neighbours until each has answered.
-
-        A neighbour's answer shows that it knows this agent's subscriptions and that its own are known here, for it
-        declared them before its hello.
+        """Say hello to all neighbours until each has answered; see `Meeting`.
 
         Args:
             fingerprint: Of the fleet file and the plug-ins; all must have the same.
@@ -243,56 +208,29 @@ class Network:
             NotReady: Somebody did not answer; the message names them. Or this agent was told to stop.
             NetworkError: A neighbour runs another fleet.
         """
-        waiting = set(self._linked)
-        last: dict[int, Hello] = {}
+        meeting = Meeting(self._agent, self._linked, fingerprint)
         aside: list[Event] = []
-        offsets: dict[int, ClockOffset] = {}
-        deadline = time.monotonic() + timeout
-        due = 0.0
-        while waiting:
+        deadline, due = time.monotonic() + timeout, 0.0
+        while not meeting.over:
             now = time.monotonic()
             if now >= deadline:
-                raise NotReady(
-                    f"agent {self._agent}: not ready within {timeout:g} s: nothing heard of agents"
-                    f" {sorted(set(self._linked) - set(last))}, no answer from {sorted(waiting & set(last))}"
-                )
+                raise NotReady(f"agent {self._agent}: not ready within {timeout:g} s: {meeting.plight}")
             if now >= due:
                 due = now + HELLO_PERIOD
-                for j in self._linked:
-                    self._hello(j, fingerprint, last.get(j))
-            event = self._next_of_meeting(min(due, deadline), aside)
-            if isinstance(event, Lost):  # if it comes back, it has to answer again
-                waiting.add(event.agent)
-                last.pop(event.agent, None)
-            if not isinstance(event, Hello):
-                continue
-            if event.fingerprint != fingerprint:
-                raise NetworkError(
-                    f"agent {self._agent}: agent {event.sender} runs another fleet file, other plug-ins or another"
-                    f" version: fingerprint {event.fingerprint}, expected {fingerprint}"
-                )
-            if event.sender not in last:
-                self._hello(event.sender, fingerprint, event)
-            last[event.sender] = event
-            if event.echo:
-                waiting.discard(event.sender)
-                found = [ClockOffset.of(event), *([offsets[event.sender]] if event.sender in offsets else [])]
-                offsets[event.sender] = min(found, key=lambda offset: offset.error)
-        for j in self._linked:
-            self._hello(j, fingerprint, last[j])
+                self._greet(self._linked, meeting)
+            event = self.next_event(min(due, deadline))
+            if isinstance(event, Stop):
+                raise NotReady(f"agent {self._agent}: {event.reason} before all neighbours were ready")
+            if isinstance(event, Lost):
+                meeting.lose(event.agent)
+            elif isinstance(event, Refused):
+                aside.append(event)
+            elif event is not None and meeting.hear(event):
+                self._greet([event.sender], meeting)
+        self._greet(self._linked, meeting)
         for event in aside:
             self._events.put(event)
-        return offsets
-
-    def _next_of_meeting(self, deadline: float, aside: list[Event]) -> Event | None:
-        """The next event that matters before the start; others go `aside`."""
-        event = self.next_event(deadline)
-        if isinstance(event, Stop):
-            raise NotReady(f"agent {self._agent}: {event.reason} before all neighbours were ready")
-        if isinstance(event, Refused):
-            aside.append(event)
-            return None
-        return event
+        return meeting.offsets
 
     def _declare_publisher(self, receiver: str) -> zenoh.Publisher:
         return self._session.declare_publisher(
@@ -314,16 +252,19 @@ class Network:
             return Refused(self._keys[sender], f"it claims to come from agent {message.sender}")
         return message
 
-    def _hello(self, to: int, fingerprint: str, heard: Hello | None) -> None:
-        echo = (heard.sent, heard.at) if heard else (0, 0)
-        data = msgpack.packb((self._agent, fingerprint, time.time_ns(), *echo))
-        self._session.put(f"{self._prefix}/hello/{self._agent}/to/{to}", data)
+    def _greet(self, neighbours: Iterable[int], meeting: Meeting) -> None:
+        for j in neighbours:
+            self._session.put(f"{self._prefix}/hello/{self._agent}/to/{j}", meeting.say(j, time.time_ns()))
 
     def _watch(self, neighbour: int) -> None:
         key = f"{self._prefix}/hello/{neighbour}/to/{self._agent}"
 
         def greet(sample: zenoh.Sample) -> None:
-            self.notify(_hello_of(sample.payload.to_bytes(), neighbour, key, time.time_ns()))
+            at = time.time_ns()
+            try:
+                self.notify(Hello.read(sample.payload.to_bytes(), neighbour, at))
+            except MessageError as error:
+                self.notify(Refused(key, str(error)))
 
         def mourn(sample: zenoh.Sample) -> None:
             if sample.kind == zenoh.SampleKind.DELETE:
@@ -336,15 +277,3 @@ class Network:
 def endpoints_to_connect(agent: int, linked: Iterable[int], endpoints: Mapping[int, str]) -> tuple[str, ...]:
     """One link per pair of neighbours: the higher id connects to the lower."""
     return tuple(endpoints[j] for j in linked if j < agent)
-
-
-def _hello_of(data: bytes, neighbour: int, key: str, at: int) -> Hello | Refused:
-    try:
-        fields = msgpack.unpackb(data)
-    except (ValueError, msgpack.UnpackException) as error:
-        return Refused(key, f"not a hello: {type(error).__name__} {error}")
-    if not (isinstance(fields, list) and [type(field) for field in fields] == [int, str, int, int, int]):
-        return Refused(key, f"not a hello: {fields!r:.60}")
-    if fields[0] != neighbour:
-        return Refused(key, f"it claims to come from agent {fields[0]}")
-    return Hello(*fields, at)  # type: ignore[call-arg]
