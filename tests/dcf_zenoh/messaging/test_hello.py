@@ -9,10 +9,11 @@ MS = 1_000_000
 
 def exchange(a: Meeting, b: Meeting, *, ahead: int = 0, there: int = MS, back: int = MS) -> tuple[Hello, Hello]:
     """Agent 1 says hello, agent 2 answers; 2's clock is `ahead` of 1's, the ways take `there` and `back` ns."""
-    at_2 = Hello.read(a.say(2, 0), 1, there + ahead)
-    b.hear(at_2)
-    answer = Hello.read(b.say(1, there + ahead + 5 * MS), 2, there + 5 * MS + back)
-    return at_2, answer
+    sent, stay = 100 * MS, 5 * MS
+    question = Hello.read(a.say(2, sent), 1, sent + there + ahead)
+    b.hear(question)
+    answer = Hello.read(b.say(1, sent + there + stay + ahead), 2, sent + there + stay + back)
+    return question, answer
 
 
 def test_a_neighbour_is_met_when_it_has_answered() -> None:
@@ -22,18 +23,15 @@ def test_a_neighbour_is_met_when_it_has_answered() -> None:
     assert not b.over  # it was heard, but does not know that it was
     assert a.hear(answer)
     assert a.over
-    assert not b.hear(Hello.read(a.say(2, 9 * MS), 1, 10 * MS))  # not its first
+    assert not b.hear(Hello.read(a.say(2, 109 * MS), 1, 110 * MS))  # not its first
     assert b.over
 
 
 @pytest.mark.parametrize(("there", "back"), [(MS, MS), (3 * MS, MS)])
 def test_the_clock_offset_is_found_within_its_stated_error(there: int, back: int) -> None:
     a, b = Meeting(1, [2], "f"), Meeting(2, [1], "f")
-    a.say(2, 0)
-    # Stamps of 0 mean "none": start both clocks late enough.
     shift = 50 * MS
-    b.hear(Hello.read(a.say(2, 100 * MS), 1, 100 * MS + there + shift))
-    a.hear(Hello.read(b.say(1, 110 * MS + shift), 2, 110 * MS + back))
+    a.hear(exchange(a, b, ahead=shift, there=there, back=back)[1])
     offset = a.offsets[2]
     assert abs(offset.ahead - shift) <= offset.error == (there + back) // 2
 
@@ -56,7 +54,7 @@ def test_a_neighbour_that_went_away_has_to_answer_again() -> None:
 
 
 def test_another_fleet_is_refused() -> None:
-    with pytest.raises(NetworkError, match="agent 2 runs another fleet file.*fingerprint g, expected f"):
+    with pytest.raises(NetworkError, match=r"agent 2 runs another fleet file.*fingerprint g, expected f"):
         Meeting(1, [2], "f").hear(Hello(2, "g", 1, 0, 0, 1))
 
 
