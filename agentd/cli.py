@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from agentd import commands, exit_codes
-from dcf_zenoh.errors import AlgorithmError, ConfigurationError, DcfError, NeighbourLost, PlantError
+from dcf_zenoh.errors import AlgorithmError, DcfError, PlantError
 from dcf_zenoh.plugins import GROUPS
 
 DESCRIPTION = """\
@@ -32,18 +32,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         code: int = options.command(options)
         return code
-    except ConfigurationError as error:
-        _complain(error)
-        return exit_codes.MISUSED
-    except NeighbourLost as error:
-        _complain(error)
-        return exit_codes.NEIGHBOUR_LOST
     except DcfError as error:
         _complain(error)
-        return exit_codes.FAILED
+        return exit_codes.of(error)
     except KeyboardInterrupt:
         print("agentd: interrupted", file=sys.stderr)
-        return exit_codes.INTERRUPTED
+        return exit_codes.CTRL_C
     except BrokenPipeError:  # whoever read our output has had enough
         sys.stderr.close()
         return exit_codes.FAILED

@@ -10,9 +10,9 @@ from typing import TypeAlias
 from rich.console import Console
 
 from agentd.progress import Progress
-from agentd.rundir import default_endpoints, new_run_folder, read_about, write_about
+from agentd.rundir import check_unused, default_endpoints, new_run_folder, read_about, write_about
 from dcf_zenoh.config import LoadedFleet, load, to_toml
-from dcf_zenoh.errors import ConfigurationError, DcfError
+from dcf_zenoh.errors import ConfigurationError, DcfError, RecordingError
 from dcf_zenoh.plugins import GROUPS
 from dcf_zenoh.run import Run
 
@@ -48,6 +48,7 @@ def run(options: Namespace) -> int:
     about = read_about(folder)
     endpoints = {int(i): str(endpoint) for i, endpoint in about.get("endpoints", {}).items()}
     if not options.supervised:
+        check_unused(folder, options.id)
         fleet = freeze(fleet, folder)
     task = Assignment(
         agent=options.id,
@@ -61,10 +62,12 @@ def run(options: Namespace) -> int:
 
 
 def simulate(options: Namespace) -> int:
-    """Run FLEET in this process, in virtual time: as fast as the machine allows, no Zenoh, one thread.
+    """Run FLEET in this process, in virtual time whatever clock it names: as fast as can be, no Zenoh, one thread.
 
     The result depends on the fleet file and its seed only; `launch --clock virtual` gives the same bits.
     """
+    if options.clock == "wall":
+        raise ConfigurationError("--clock wall: simulate runs in virtual time; agentd launch knows the wall clock")
     options.clock = "virtual"
     fleet = _load(options)
     _simulate(fleet, new_run_folder(fleet.spec, options.out), options)
@@ -152,10 +155,9 @@ def _launch(fleet: LoadedFleet, folder: Path, options: Namespace) -> None:
             failure = error
     try:
         _finish(Run.read(folder), options)
-    except DcfError as error:
+    except RecordingError:
         if failure is None:
             raise
-        print(f"agentd: no summary: {error}", file=sys.stderr)
     if failure is not None:
         raise failure
 

@@ -1,7 +1,21 @@
 """What `agentd` says when it ends."""
 
+import signal
+
+from dcf_zenoh.errors import ConfigurationError, DcfError, Interrupted, NeighbourLost
+
 DONE = 0
 FAILED = 1  # a run failed, or two runs differ
 MISUSED = 2  # the command line or the fleet file is wrong
 NEIGHBOUR_LOST = 3  # an agent failed because another agent of the fleet did
-INTERRUPTED = 130
+SIGNALLED = 128  # and the number of the signal that stopped it
+CTRL_C = SIGNALLED + signal.SIGINT
+
+
+def of(error: DcfError) -> int:
+    """The exit code for an error."""
+    if isinstance(error, Interrupted):
+        return SIGNALLED + error.signal
+    if isinstance(error, NeighbourLost):
+        return NEIGHBOUR_LOST
+    return MISUSED if isinstance(error, ConfigurationError) else FAILED

@@ -18,7 +18,8 @@ from typing import Any, TypeAlias
 from agentd.exit_codes import NEIGHBOUR_LOST
 from agentd.rundir import free_endpoints, write_about
 from dcf_zenoh.config import LoadedFleet, freeze
-from dcf_zenoh.errors import DcfError
+from dcf_zenoh.errors import DcfError, Interrupted
+from dcf_zenoh.messaging.network import check_settings
 
 REACTION = 2.0  # s the others get to end by themselves after one has failed
 LINGER = 30.0  # s the others get to end after one has reached its planned end
@@ -53,8 +54,9 @@ class Daemon:
     def read_status(self) -> None:
         """Keep the last status line; returns when the daemon closes its output."""
         assert self.process.stdout is not None
-        for line in self.process.stdout:
-            self.status = json.loads(line)
+        with self.process.stdout as lines:
+            for line in lines:
+                self.status = json.loads(line)
 
     def last_words(self) -> str:
         """The last line of its standard error, without the name of the program."""
@@ -94,8 +96,11 @@ def launch(fleet: LoadedFleet, folder: Path, show: Show, say: Say) -> None:
         say: Called with a line when something happens that a person should know.
 
     Raises:
-        FleetFailed: An agent failed, or somebody stopped the fleet.
+        FleetFailed: An agent failed.
+        Interrupted: Somebody stopped the fleet.
+        NetworkError: Zenoh does not accept a setting of the fleet file.
     """
+    check_settings(fleet.spec.zenoh.settings)
     frozen = freeze(fleet, folder)
     about: dict[str, Any] = {
         "fleet": fleet.spec.name,
@@ -109,17 +114,20 @@ def launch(fleet: LoadedFleet, folder: Path, show: Show, say: Say) -> None:
     patient = fleet.spec.time.clock == "wall" and fleet.spec.safety.neighbour_silent.then == "hold"
     daemons: dict[int, Daemon] = {}
     problems = Problems(say)
+    interrupted: signal.Signals | None = None
     with _stop_requests() as asked:
         try:
             for agent in frozen.spec.ids:
                 daemons[agent] = _spawn(folder, agent)
-            _supervise(daemons, asked, show, problems, patient=patient)
+            interrupted = _supervise(daemons, asked, show, problems, patient=patient)
         finally:
             _end(daemons, problems)
             about["ended"] = datetime.now(UTC).isoformat()
             about["exit_codes"] = {i: daemon.code for i, daemon in daemons.items()}
             about["problems"] = [*problems.causes, *problems.effects]
             write_about(folder, about)
+    if interrupted is not None:
+        raise Interrupted(f"stopped by {interrupted.name}", interrupted)
     if found := problems.causes or problems.effects:
         raise FleetFailed("; ".join(found))
 
@@ -144,16 +152,20 @@ def _spawn(folder: Path, agent: int) -> Daemon:
 
 
 def _supervise(
-    daemons: Mapping[int, Daemon], asked: SimpleQueue[str], show: Show, problems: Problems, *, patient: bool
-) -> None:
-    """Watch until all daemons have ended, or until it is time to end them; note what went wrong."""
+    daemons: Mapping[int, Daemon], asked: SimpleQueue[signal.Signals], show: Show, problems: Problems, *, patient: bool
+) -> signal.Signals | None:
+    """Watch until all daemons have ended, or until it is time to end them; note what went wrong.
+
+    Returns:
+        The signal that asked for the end, if one did.
+    """
     began, shown = time.monotonic(), 0.0
     give_up = float("inf")
     while any(daemon.code is None for daemon in daemons.values()) and time.monotonic() < give_up:
         try:
-            reason = asked.get(timeout=0.02)
-            problems.add(f"{reason}: the fleet was stopped")
-            return
+            asking = asked.get(timeout=0.02)
+            problems.add(f"the launcher got {asking.name}: the fleet was stopped")
+            return asking
         except Empty:
             pass
         now = time.monotonic()
@@ -169,6 +181,7 @@ def _supervise(
             shown = now
             show({i: daemon.status for i, daemon in daemons.items()})
     show({i: daemon.status for i, daemon in daemons.items()})
+    return None
 
 
 def _death(daemon: Daemon, after: float) -> str:
@@ -202,13 +215,13 @@ def _end(daemons: Mapping[int, Daemon], problems: Problems) -> None:
 
 
 @contextmanager
-def _stop_requests() -> Iterator[SimpleQueue[str]]:
-    """SIGINT, SIGTERM and SIGHUP as reasons in a queue while the body runs; a second Ctrl-C interrupts at once."""
-    asked: SimpleQueue[str] = SimpleQueue()
+def _stop_requests() -> Iterator[SimpleQueue[signal.Signals]]:
+    """SIGINT, SIGTERM and SIGHUP in a queue while the body runs; a second one of a kind acts at once."""
+    asked: SimpleQueue[signal.Signals] = SimpleQueue()
     numbers = [signal.SIGINT, signal.SIGTERM, *([signal.SIGHUP] if hasattr(signal, "SIGHUP") else [])]
 
     def on_signal(number: int, _frame: FrameType | None) -> None:
-        asked.put(f"the launcher got {signal.Signals(number).name}")
+        asked.put(signal.Signals(number))
         signal.signal(number, before[signal.Signals(number)])
 
     before = {number: signal.signal(number, on_signal) for number in numbers}

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from dcf_zenoh.errors import NetworkError, RecordingError
+from dcf_zenoh.recording import log_name
 from dcf_zenoh.spec import FleetSpec
 
 PORTS = range(20000, 32000)  # below what systems give to outgoing connections
@@ -30,6 +31,17 @@ def new_run_folder(fleet: FleetSpec, out: Path | None) -> Path:
     except OSError as error:
         raise RecordingError(f"{folder}: cannot be written: {error.strerror}") from error
     return folder
+
+
+def check_unused(folder: Path, agent: int) -> None:
+    """Refuse to touch a directory in which the agent has run before.
+
+    Raises:
+        RecordingError: Its log is there.
+    """
+    path = folder / log_name(agent)
+    if path.exists():
+        raise RecordingError(f"{path}: there is a log already; choose another directory with --out")
 
 
 def write_about(folder: Path, about: Mapping[str, Any]) -> None:

@@ -1,12 +1,14 @@
 """The error tree. Everything this project raises on purpose derives from `DcfError`."""
 
+import os
 import sysconfig
 import traceback
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-_NOT_THE_USERS = (str(Path(__file__).parent), *sysconfig.get_paths().values())
+_LIBRARIES = [sysconfig.get_path(name) for name in ("stdlib", "purelib", "platlib")]
+_NOT_THE_USERS = tuple(os.path.join(folder, "") for folder in (Path(__file__).parent, *_LIBRARIES))  # noqa: PTH118
 
 
 class DcfError(Exception):
@@ -69,6 +71,18 @@ class NotReady(NetworkError, TimeoutError):
 
 class Silence(NeighbourLost, TimeoutError):
     """A message that the model requires did not come in time, although its sender is said to be alive."""
+
+
+class Interrupted(DcfError):
+    """Somebody stopped a run.
+
+    Attributes:
+        signal: Number of the signal that asked for it.
+    """
+
+    def __init__(self, text: str, signal: int) -> None:
+        self.signal = signal
+        super().__init__(text)
 
 
 class RecordingError(DcfError):

@@ -83,7 +83,9 @@ class Rounds(Table):
     budget: PositiveFloat | None = Field(
         default=None, description="s of each step for rounds; none: 3/4 of sample_time"
     )
-    max_rounds: Annotated[int, Field(ge=1)] = 200
+    max_rounds: Annotated[int, Field(ge=1)] = Field(
+        default=200, description="most rounds of a step, those for sharing states included"
+    )
     threshold: NonNegativeFloat = Field(
         default=1e-3, description="the step ends when every agent's residual is below this"
     )
@@ -177,7 +179,7 @@ class AgentSpec:
 class FleetSpec(Table):
     """A fleet file, complete with all defaults."""
 
-    name: Name
+    name: Name = Field(description="part of the keys on the wire and of the names of run directories")
     seed: Annotated[int, Field(ge=0)] = 0
     plant: str | None = Field(default=None, description="plant of every agent that names none")
     time: Time = Field(default_factory=Time)

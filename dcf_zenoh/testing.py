@@ -1,13 +1,15 @@
-"""Checks and drivers for algorithms, plants and topologies, built-in ones and anybody's."""
+"""What algorithms and plants must satisfy, built-in ones and anybody's, and a fleet in a plain loop to drive them."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from itertools import combinations
 from typing import Any
 
 import numpy as np
 
 from dcf_zenoh.algorithms.algorithm import Algorithm, Inbox, Me, Result
 from dcf_zenoh.graph import WEIGHTS, Graph, Neighbourhood
-from dcf_zenoh.messaging.message import canonical
+from dcf_zenoh.messaging.message import Payload, canonical
+from dcf_zenoh.plant import Plant, Setpoint
 
 
 def fleet_of(graph: Graph, *, seed: int = 0, weights: str = "metropolis") -> dict[int, Me]:
@@ -62,3 +64,99 @@ def lockstep(
         if stop:
             break
     return results
+
+
+def check_algorithm(
+    algorithm: Algorithm, problems: Callable[[], Mapping[int, Any]], graph: Graph, *, rounds: int = 6
+) -> None:
+    """The contract of an algorithm, on one problem and graph.
+
+    It returns a result in the very round in which `inbox.stop` is set, whichever that is and whoever is missing in it;
+    it changes nothing it received; and it does the same again when everything is the same.
+
+    Args:
+        algorithm: Options bound.
+        problems: Makes fresh problems, agent -> what it solves.
+        graph: Who hears whom.
+        rounds: How far to go.
+
+    Raises:
+        AssertionError: It breaks the contract; the message says how.
+    """
+    for last in range(1, rounds + 1):
+        first, second = (lockstep(algorithm, problems(), fleet_of(graph), last) for _ in range(2))
+        for i, result in first.items():
+            assert isinstance(result, Result), f"agent {i} returned {result!r:.60}; expected me.result(decision)"
+            assert np.array_equal(result.decision, second[i].decision, equal_nan=True), f"agent {i} is not repeatable"
+    agent = graph.agents[0]
+    for missing in _subsets(graph.in_neighbours(agent)):
+        for stop in (False, True):
+            _check_missing(algorithm, problems(), graph, agent, missing, stop=stop)
+
+
+def _subsets(agents: tuple[int, ...]) -> Iterator[tuple[int, ...]]:
+    for size in range(len(agents) + 1):
+        yield from combinations(agents, size)
+
+
+def _check_missing(
+    algorithm: Algorithm, problems: Mapping[int, Any], graph: Graph, agent: int, missing: tuple[int, ...], *, stop: bool
+) -> None:
+    """One round in which some neighbours are missing."""
+    running = {i: algorithm(problems[i], me) for i, me in fleet_of(graph).items()}
+    sent: dict[int, Payload] = {i: canonical(next(dialogue)[0]) for i, dialogue in running.items()}  # type: ignore[arg-type]
+    before = {i: canonical(payload) for i, payload in sent.items()}
+    heard = {j: sent[j] for j in graph.in_neighbours(agent) if j not in missing}
+    place = f"agent {agent}, {list(missing)} missing, stop is {stop}"
+    try:
+        payload, residual = running[agent].send(Inbox(sent[agent], heard, stop=stop, missing=missing))
+    except StopIteration as finished:
+        assert stop, f"{place}: it returned without need"
+        assert isinstance(finished.value, Result), f"{place}: it returned {finished.value!r:.60}"
+    else:
+        assert not stop, f"{place}: it went on"
+        canonical(payload)  # type: ignore[arg-type]
+        assert residual == residual, f"{place}: its residual is not a number"  # noqa: PLR0124
+    for i, values in before.items():
+        for name, value in values.items():
+            assert np.array_equal(value, sent[i][name], equal_nan=True), f"{place}: it changed {name!r} of agent {i}"
+
+
+def check_plant(make: Callable[[], Plant], *, sample_time: int = 200_000_000, steps: int = 20) -> None:
+    """The contract of a simulated plant: sensing changes nothing, states are read-only, holding comes to rest.
+
+    Args:
+        make: Makes a fresh plant, the same each time.
+        sample_time: In ns.
+        steps: How many setpoints it gets.
+
+    Raises:
+        AssertionError: It breaks the contract; the message says how.
+    """
+    seldom, often = make(), make()
+    for plant in (seldom, often):
+        plant.prepare()
+        plant.start(0)
+    rng = np.random.default_rng(0)
+    for step in range(steps):
+        now = step * sample_time
+        state, again = seldom.sense(now), often.sense(now)
+        assert np.allclose(state.vector, again.vector, rtol=1e-9, atol=1e-9), f"step {step}: sensing moves the plant"
+        assert np.array_equal(often.sense(now).vector, again.vector), f"step {step}: two states at one instant"
+        assert state.position.shape == state.velocity.shape, f"step {step}: position and velocity differ in shape"
+        locked = [not array.flags.writeable for array in (state.position, state.velocity)]
+        assert all(locked), f"step {step}: a state can be changed"
+        setpoint = Setpoint(state.position, state.velocity, rng.uniform(-1, 1, state.position.shape))
+        for plant in (seldom, often):
+            plant.act(setpoint, now)
+        often.sense(now + sample_time // 3)
+    end = steps * sample_time
+    seldom.act(Setpoint.hold(seldom.sense(end)), end)
+    rest = seldom.sense(end + 100 * sample_time)
+    later = seldom.sense(end + 101 * sample_time)
+    assert np.allclose(rest.velocity, 0, atol=1e-3), f"it still moves at {rest.velocity} m/s long after it was to hold"
+    assert np.allclose(rest.position, later.position, atol=1e-3), "it does not stay where it holds"
+    for plant in (seldom, often):
+        plant.finish(end, "done")
+        plant.close()
+        plant.close()

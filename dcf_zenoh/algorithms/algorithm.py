@@ -171,7 +171,7 @@ class Me:
         return Result(read_only(decision), memory)
 
     def remember(self, result: Result) -> None:
-        """Keep `result` for the next control step. Controllers call this."""
+        """Keep `result` for the next control step."""
         self.last = result.decision
         self._memory = result.memory
 
@@ -179,3 +179,19 @@ class Me:
 T = TypeVar("T")
 Dialogue: TypeAlias = Generator[tuple[Payload | PerNeighbour, float], Inbox, T]
 Algorithm: TypeAlias = Callable[[Any, Me], Dialogue[Result]]
+
+
+def solve(algorithm: Algorithm, problem: Any, me: Me) -> Dialogue[Result]:
+    """Let `algorithm` solve `problem`, and remember its result for the next control step.
+
+    Raises:
+        AlgorithmError: It is no generator, or it returned something else than ``me.result(decision)``.
+    """
+    dialogue = algorithm(problem, me)
+    if not isinstance(dialogue, Generator):
+        raise AlgorithmError(f"the algorithm is no generator: it has no yield, and returned {dialogue!r:.60}")
+    result = yield from dialogue
+    if not isinstance(result, Result):
+        raise AlgorithmError(f"the algorithm returned {result!r:.60}; expected me.result(decision)")
+    me.remember(result)
+    return result

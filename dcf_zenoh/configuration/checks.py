@@ -191,6 +191,8 @@ def _check_overridden(
     shelf.compare(schema, base.options, lambda option: f"{where}.{option}")
     for agent, options in overrides.items():
         shelf.compare(schema, options, lambda option, agent=agent: key(agent, option))  # type: ignore[misc]
+        for option in (each for each in options if each in schema.shared):
+            shelf.problems.add(key(agent, option), f"must be the same at every agent; set it in [{where}]")
     missing = {agent: schema.missing((*base.options, *overrides.get(agent, {}))) for agent in users}
     for agent, texts in missing.items():
         for option, text in texts.items():

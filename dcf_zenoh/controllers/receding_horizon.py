@@ -5,7 +5,7 @@ from typing import Protocol
 
 import numpy as np
 
-from dcf_zenoh.algorithms.algorithm import Algorithm, Dialogue, Me
+from dcf_zenoh.algorithms.algorithm import Algorithm, Dialogue, Me, solve
 from dcf_zenoh.controllers.controller import Controller, Decision
 from dcf_zenoh.controllers.sharing import share_states
 from dcf_zenoh.plant import Array, Setpoint, State
@@ -48,8 +48,7 @@ class RecedingHorizon(Controller):
         if not in_time or len(states) < self._me.count:
             return Decision(None, np.empty(0))
         posed = self._problem.at(states)
-        result = yield from self._algorithm(posed, self._me)
-        self._me.remember(result)
+        result = yield from solve(self._algorithm, posed, self._me)
         self._posed, self._decision, self._stage = posed, result.decision, 0
         return Decision(posed.setpoint(result.decision, 0), result.decision)
 

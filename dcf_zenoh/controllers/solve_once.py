@@ -1,6 +1,6 @@
 """The controller of a fleet without plants."""
 
-from dcf_zenoh.algorithms.algorithm import Algorithm, Dialogue, Me
+from dcf_zenoh.algorithms.algorithm import Algorithm, Dialogue, Me, solve
 from dcf_zenoh.controllers.controller import Controller, Decision
 from dcf_zenoh.plant import Setpoint, State
 
@@ -21,8 +21,7 @@ class SolveOnce(Controller):
 
     def control(self, state: State) -> Dialogue[Decision]:  # noqa: ARG002
         """Run the algorithm on the problem."""
-        result = yield from self._algorithm(self._problem, self._me)
-        self._me.remember(result)
+        result = yield from solve(self._algorithm, self._problem, self._me)
         return Decision(Setpoint(), result.decision)
 
     def next_of_plan(self) -> None:

@@ -43,8 +43,7 @@ class _Sender:
 class Mailbox:
     """Messages of the in-neighbours of one agent. Belongs to one thread and one run.
 
-    A sender's messages are released in sequence order, over all keys they came by: two Zenoh subscribers have
-    separate threads, so messages overtake each other.
+    A sender's messages are released in the order of their numbers, whatever order a network delivers them in.
 
     Attributes:
         duplicates: Messages dropped because their sequence number was already released.

@@ -12,6 +12,7 @@ An agent subscribes to its in-neighbours only and publishes under its own id onl
 
 import json
 import os
+import re
 import time
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -93,11 +94,31 @@ class Address:
             "transport/shared_memory/enabled": False,  # whoever is killed would leave a file in /dev/shm
         }
         for key, value in {**ours, **self.settings}.items():
-            try:
-                config.insert_json5(key, json.dumps(value))
-            except (zenoh.ZError, TypeError) as error:
-                raise NetworkError(f"zenoh.settings.{key}: Zenoh does not accept {value!r}: {error}") from error
+            _set(config, key, value)
         return config
+
+
+def check_settings(settings: Mapping[str, Any]) -> None:
+    """Try the settings of a fleet file on a configuration of their own.
+
+    Raises:
+        NetworkError: Zenoh does not take one of them.
+    """
+    config = zenoh.Config()
+    for key, value in settings.items():
+        _set(config, key, value)
+
+
+def _set(config: zenoh.Config, key: str, value: Any) -> None:
+    try:
+        config.insert_json5(key, json.dumps(value))
+    except (zenoh.ZError, TypeError) as error:
+        raise NetworkError(f"zenoh.settings.{key}: Zenoh does not accept {value!r}: {_plain(error)}") from error
+
+
+def _plain(error: Exception) -> str:
+    """What Zenoh says, without the places in its source."""
+    return re.sub(r"\s*\bat \S+\.rs:\d+\.?|[\[\]]", "", str(error)).strip(" .")
 
 
 class Network:
@@ -123,7 +144,7 @@ class Network:
         except zenoh.ZError as error:
             raise NetworkError(
                 f"agent {agent}: cannot listen on {address.listen}, or cannot connect to {list(address.connect)}:"
-                f" {error}"
+                f" {_plain(error)}"
             ) from error
         self._waker = Waker(self._wake)
         self._keys = {j: f"{self._prefix}/from/{j}/to/{agent}" for j in hood.receives_from}

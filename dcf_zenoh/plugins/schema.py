@@ -2,6 +2,7 @@
 
 import inspect
 import json
+import math
 import typing
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
@@ -43,6 +44,7 @@ class Parameter:
         """
         try:
             adapter: TypeAdapter[Any] = TypeAdapter(_checkable(self.type))
+            _refuse_infinite(value)
         except PydanticSchemaGenerationError:  # a type of the plug-in's own: for its constructor to judge
             return value
         try:  # strict JSON is what TOML is: lists for tuples, and neither strings nor booleans for numbers
@@ -60,10 +62,12 @@ class Schema:
     Attributes:
         plugin: Its name in messages.
         parameters: In the order of its signature.
+        shared: Keys that must have the same value at every agent.
     """
 
     plugin: str
     parameters: tuple[Parameter, ...]
+    shared: tuple[str, ...] = ()
 
     def convert(self, options: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, str]]:
         """The values the plug-in gets, and key -> what is wrong with it."""
@@ -90,12 +94,13 @@ class Schema:
 def accepted(plugin: Callable[..., Any]) -> Schema:
     """The keys of `plugin`, from its signature.
 
-    A parameter without annotation takes values of the type of its default.
+    A parameter without annotation takes values of the type of its default. The plug-in may name keys that must not
+    differ from agent to agent in an attribute ``SHARED``.
 
     Raises:
         PluginError: An annotation cannot be resolved, or there is no signature.
     """
-    return Schema(name_of(plugin), tuple(_parameters(plugin)))
+    return Schema(name_of(plugin), tuple(_parameters(plugin)), tuple(getattr(plugin, "SHARED", ())))
 
 
 def name_of(plugin: Callable[..., Any]) -> str:
@@ -153,3 +158,12 @@ def _array(value: Any) -> Array:
 
 
 _ARRAY = Annotated[Any, PlainValidator(_array)]
+
+
+def _refuse_infinite(value: Any) -> None:
+    """TOML can write nan and inf; no key means them."""
+    if isinstance(value, float) and not math.isfinite(value):
+        raise ValueError(f"expected a finite number, not {value}")
+    if isinstance(value, list):
+        for each in value:
+            _refuse_infinite(each)

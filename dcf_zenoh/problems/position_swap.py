@@ -48,6 +48,11 @@ class PositionSwap:
     Source: Memon et al., Section IV; barrier constraints after do Nascimento, Papachristodoulou, Margellos, CDC 2023.
     """
 
+    # The coupling rows of a pair, and their scale, must come out alike at every agent.
+    SHARED = (
+        "horizon", "radii", "barrier_decay", "state_weight", "input_weight", "terminal_weight",
+    )  # fmt: skip
+
     def __init__(
         self,
         agent: int,

@@ -41,7 +41,8 @@ def test_all_problems_of_a_file_are_reported_at_once(file: Path) -> None:
     assert found == [
         "time.sample_tme: [time] has no key 'sample_tme'; did you mean 'sample_time'?"
         " accepted: clock, sample_time, duration, arrived",
-        "exchange.max_rounds: expected a whole number >= 1, not 0",
+        "exchange.max_rounds: expected a whole number >= 1"
+        " (most rounds of a step, those for sharing states included), not 0",
         "agents.1.start: expected a list of numbers (position before the first step, m), not [0.0, 'x']",
         "agents.2.plant: there is no [plants.pointmass]; did you mean 'point_mass'? there are: point_mass",
         "problem.radius: expected a number, not true",

@@ -5,6 +5,7 @@ from typing import Any
 import pytest
 
 from dcf_zenoh.config import load, to_toml
+from dcf_zenoh.errors import ConfigurationError
 from dcf_zenoh.spec import Kind
 
 ODD = """
@@ -45,9 +46,9 @@ def test_file_wins_over_the_default_and_an_agent_over_the_file(file: Path) -> No
 
 def test_agent_overrides_a_default_that_the_file_does_not_mention() -> None:
     spec = load(
-        "position_swap", changes=["agents.2.problem.radii=[1.0, 1.0]", "agents.3.plants.point.accel_max=9"]
+        "position_swap", changes=["agents.2.problem.gather_weight=3.0", "agents.3.plants.point.accel_max=9"]
     ).spec
-    assert [spec.agent(i).problem.options["radii"] for i in spec.ids] == [[0.5, 0.25], [1.0, 1.0], *[[0.5, 0.25]] * 2]
+    assert [spec.agent(i).problem.options["gather_weight"] for i in spec.ids] == [1.0, 3.0, 1.0, 1.0]
     assert [spec.agent(i).plant.options["accel_max"] for i in spec.ids] == [2.0, 2.0, 9, 2.0]  # type: ignore[union-attr]
 
 
@@ -78,3 +79,17 @@ def test_plugins_of_others_are_not_run_for_their_defaults_unless_told(file: Path
     spec = load(file, run_plugins=run).spec
     assert ("sides" in spec.problem.options) is run
     assert spec.topology.options == {"directed": False}  # built in
+
+
+def test_what_all_agents_must_share_cannot_be_overridden_by_one() -> None:
+    with pytest.raises(ConfigurationError) as caught:
+        load("position_swap", changes=["agents.2.problem.radii=[1.0, 1.0]", "agents.3.problem.input_weight=3.0"])
+    assert caught.value.problems == (
+        "agents.2.problem.radii: must be the same at every agent; set it in [problem]",
+        "agents.3.problem.input_weight: must be the same at every agent; set it in [problem]",
+    )
+
+
+def test_numbers_that_are_none_are_refused() -> None:
+    with pytest.raises(ConfigurationError, match=r"algorithm\.step: expected a finite number, not nan"):
+        load("position_swap", changes=["algorithm.step=nan"])

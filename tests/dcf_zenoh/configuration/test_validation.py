@@ -8,7 +8,11 @@ from tests.fleet_files import problems
 @pytest.mark.parametrize(
     ("change", "problem"),
     [
-        ("name=two words", "name: expected a string that matches ^[A-Za-z0-9_][A-Za-z0-9_.-]*$, not 'two words'"),
+        (
+            "name=two words",
+            "name: expected a string that matches ^[A-Za-z0-9_][A-Za-z0-9_.-]*$"
+            " (part of the keys on the wire and of the names of run directories), not 'two words'",
+        ),
         ("seed=-1", "seed: expected a whole number >= 0, not -1"),
         ("seed=1.5", "seed: expected a whole number >= 0, not 1.5"),
         (

@@ -1,4 +1,5 @@
 import random
+import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -90,39 +91,76 @@ def test_closing_ends_the_thread_also_while_somebody_is_armed() -> None:
     assert not [thread for thread in threading.enumerate() if thread.name == "waker"]
 
 
+@pytest.fixture
+def restless() -> Iterator[None]:
+    """Threads interrupt each other everywhere."""
+    before = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)
+    yield
+    sys.setswitchinterval(before)
+
+
+@pytest.mark.usefixtures("restless")
+def test_no_deadline_is_missed_however_waits_follow_each_other() -> None:
+    chance = random.Random(3)
+    with waker() as (subject, channel):
+        end = time.monotonic() + 0.5
+        while time.monotonic() < end:
+            deadline = time.monotonic() + chance.choice((1e-5, 1e-4))
+            subject.arm(1, deadline)
+            moment = deadline + chance.uniform(-1e-4, 4e-4)
+            while time.monotonic() < moment:  # then something comes, about when the thread looks
+                pass
+            subject.disarm()
+            subject.arm(2, time.monotonic() + chance.choice((0.0, 1e-5, 1e-4, 1e-3)))
+            while channel.get(timeout=PATIENCE) != 2:  # raises Empty if it is missed
+                pass
+            subject.disarm()
+
+
+@pytest.mark.usefixtures("restless")
 def test_no_wake_up_is_missed_however_deadlines_messages_and_pokes_fall() -> None:
-    """For a second: a reader with short deadlines, a thread with news for it, and messages that end waits early."""
-    chance = random.Random(1)
-    news: SimpleQueue[float] = SimpleQueue()
+    """For a second one thread blocks with short deadlines and without; another tells it one thing at a time."""
+    chance, luck = random.Random(1), random.Random(2)
+    news: SimpleQueue[None] = SimpleQueue()
+    noticed = threading.Semaphore(0)
     over = threading.Event()
-    waits = woken_for_news = 0
+    missed: list[str] = []
 
     def tell() -> None:
-        luck = random.Random(2)
         while not over.is_set():
-            news.put(time.monotonic())
-            subject.poke()
-            if luck.random() < 0.3:
+            by_poke = luck.random() < 0.7
+            if by_poke:
+                news.put(None)
+                subject.poke()
+            else:
                 channel.put(-1)  # a message
-            over.wait(luck.choice((0.0, 1e-5, 1e-4, 1e-3)))
+            if not noticed.acquire(timeout=PATIENCE):
+                missed.append("poke" if by_poke else "message")
+                return
+            for _ in range(luck.choice((0, 10, 100, 1000))):  # some other moment of the reader's
+                pass
 
     with waker() as (subject, channel):
         teller = threading.Thread(target=tell)
         teller.start()
+        waits = told = 0
+        end = time.monotonic() + 1.0
         try:
-            end = time.monotonic() + 1.0
             while time.monotonic() < end:
                 waits += 1
-                patient = chance.random() < 0.5  # only news or a message end this wait
-                subject.arm(waits, inf if patient else time.monotonic() + chance.choice((0.0, 1e-5, 1e-4, 1e-3)))
-                if news.empty():
-                    channel.get(timeout=PATIENCE)  # raises Empty if the wake-up was missed
+                ahead = chance.choice((0.0, 1e-5, 1e-4, 1e-3, inf))
+                subject.arm(waits, time.monotonic() + ahead)
+                got = channel.get(timeout=2 * PATIENCE) if news.empty() else 0
                 subject.disarm()
-                while not news.empty():
-                    news.get()
-                    woken_for_news += 1
+                if got == -1 or not news.empty():
+                    told += 1
+                    if got != -1:
+                        news.get()
+                    noticed.release()
         finally:
             over.set()
+            noticed.release()
             teller.join()
-    assert waits > 500
-    assert woken_for_news > 100
+    assert not missed
+    assert waits > told > 200
