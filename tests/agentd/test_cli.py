@@ -1,0 +1,362 @@
+"""The command line as people meet it: what they get for good input, and what they are told for bad."""
+
+import json
+import re
+import socket
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+from agentd.cli import main
+from dcf_zenoh import Run
+from dcf_zenoh.config import load
+from tests.daemons import TRIO
+
+KEYS = {
+    "fleet", "run", "clock", "plant", "topology", "agents", "steps", "arrived", "arrival_time", "min_barrier",
+    "min_distance", "rounds_per_step", "compute_ms", "negotiation_ms", "deadline_misses", "messages", "digest",
+}  # fmt: skip
+QUICK = ("--json", "--no-report", "--set", "time.duration=1.0")
+
+
+class Answer(NamedTuple):
+    code: int
+    out: str
+    err: str
+
+
+@pytest.fixture
+def agentd(capfd: pytest.CaptureFixture[str]) -> Callable[..., Answer]:
+    """Run a command line in this process."""
+
+    def run(*words: str | Path) -> Answer:
+        capfd.readouterr()
+        code = main([str(word) for word in words])
+        return Answer(code, *capfd.readouterr())
+
+    return run
+
+
+@pytest.fixture
+def trio(tmp_path: Path) -> Path:
+    (tmp_path / "trio.toml").write_text(TRIO)
+    return tmp_path / "trio.toml"
+
+
+@pytest.fixture(scope="module")
+def flown(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The directory of a short simulation."""
+    folder = tmp_path_factory.mktemp("flown")
+    (folder / "trio.toml").write_text(TRIO)
+    assert main(["simulate", str(folder / "trio.toml"), *QUICK, "--out", str(folder / "run")]) == 0
+    return folder / "run"
+
+
+BAD_FLEETS = {
+    "unknown key": (
+        ["--set", "time.durration=1"],
+        "time.durration: [time] has no key 'durration'; did you mean 'duration'? accepted: clock, sample_time,"
+        " duration, arrived",
+    ),
+    "wrong type": (
+        ["--set", "time.duration=long"],
+        "time.duration: expected a number > 0 (length of the run, s), not 'long'",
+    ),
+    "negative duration": (
+        ["--set", "time.duration=-1.0"],
+        "time.duration: expected a number > 0 (length of the run, s), not -1.0",
+    ),
+    "no change": (
+        ["--set", "nonsense"],
+        "nonsense: expected key.path=value, such as time.duration=10.0",
+    ),
+    "missing agent": (
+        ["--set", "topology.kind=edges", "--set", "topology.links=[[1, 2], [2, 9]]"],
+        "topology: edges refused its options: TopologyError: links must be pairs of different agents among [1, 2, 3],"
+        " not [2, 9]",
+    ),
+    "unconnected graph": (
+        ["--set", "topology.kind=edges", "--set", "topology.links=[[1, 2]]"],
+        "topology: the graph is not connected: nothing agent 1 sends can reach agent 3",
+    ),
+    "unknown algorithm": (
+        ["--algorithm", "tradse"],
+        "algorithm: there is no [algorithms.tradse] and no kind 'tradse'; did you mean 'trades'? tables: none;"
+        " known algorithms: average_consensus, trades",
+    ),
+    "unknown plug-in": (
+        ["--set", "plants.point.kind=point_mas"],
+        "plants.point.kind: unknown kind 'point_mas'; did you mean 'point_mass'? known plants: point_mass;"
+        " or 'package.module:Name', './file.py:Name'",
+    ),
+    "unknown topology": (
+        ["--topology", "rng"],
+        "topology.kind: unknown kind 'rng'; did you mean 'ring'? known topologies: complete, edges, grid, path, ring,"
+        " star; or 'package.module:Name', './file.py:Name'",
+    ),
+    "no such plug-in file": (
+        ["--set", "algorithm.kind=./mine.py:mine"],
+        "algorithm.kind: ./mine.py:mine: cannot read {folder}/mine.py: No such file or directory",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", BAD_FLEETS)
+@pytest.mark.parametrize("command", ["simulate", "launch", "check", "run"])
+def test_what_is_wrong_with_a_fleet_is_told_in_one_line(
+    command: str, case: str, trio: Path, agentd: Callable[..., Answer]
+) -> None:
+    words, said = BAD_FLEETS[case]
+    out = {"check": [], "run": ["--id", "1", "--out", trio.parent / "run"]}.get(
+        command, ["--json", "--out", trio.parent / "run"]
+    )
+    answer = agentd(command, trio, *words, *out)
+    assert answer == (2, "", f"agentd: {trio}: {said.format(folder=trio.parent)}\n")
+    assert not (trio.parent / "run").exists()
+
+
+def test_all_problems_of_a_fleet_are_told_at_once(trio: Path, agentd: Callable[..., Answer]) -> None:
+    wrong = ["--set", "time.duration=-1.0", "--set", "sed=3", "--set", "agents.2.start=[1.0, 'far']"]
+    answer = agentd("check", trio, *wrong)
+    assert answer.code == 2
+    assert answer.err.splitlines() == [
+        f"agentd: {trio}: time.duration: expected a number > 0 (length of the run, s), not -1.0",
+        f"agentd: {trio}: agents.2.start: expected a list of numbers (position before the first step, m),"
+        " not [1.0, 'far']",
+        f"agentd: {trio}: sed: a fleet file has no key 'sed'; did you mean 'seed'? accepted: name, seed, plant, time,"
+        " exchange, topology, problem, algorithm, algorithms, controller, plants, agents, safety, log, zenoh",
+    ]
+
+
+BAD_FILES = {
+    "not TOML": (b"name = trio\n", "not TOML: Invalid value (at line 1, column 8)"),
+    "not text": (b"\xff\xfe", "not TOML, which is UTF-8: 'utf-8' codec can't decode byte 0xff in position 0"),
+    "no agents": (TRIO[: TRIO.index("[agents.1]")].encode(), "agents: missing; expected a table"),
+    "the same id again": (f"{TRIO}[agents.1]\n".encode(), "not TOML: Cannot declare ('agents', '1') twice (at line"),
+    "the same id otherwise": (f"{TRIO}[agents.01]\n".encode(), "agents.01: the same agent as agents.1"),
+    "an agent without a start": (f"{TRIO}[agents.4]\ntarget = [0.0, 0.0]\n".encode(), "agents.4.start: missing; plant"),
+}
+
+
+@pytest.mark.parametrize("case", BAD_FILES)
+def test_a_file_that_is_no_fleet_is_refused(case: str, trio: Path, agentd: Callable[..., Answer]) -> None:
+    content, said = BAD_FILES[case]
+    trio.write_bytes(content)
+    answer = agentd("simulate", trio, "--json", "--out", trio.parent / "run")
+    assert answer.code == 2
+    assert answer.out == ""
+    assert answer.err.startswith(f"agentd: {trio}: {said}")
+    assert all(line.startswith(f"agentd: {trio}: ") for line in answer.err.splitlines())
+
+
+def test_a_fleet_that_is_not_there_is_told_from_a_name_that_is_not_known(agentd: Callable[..., Answer]) -> None:
+    assert agentd("check", "nowhere/trio.toml") == (2, "", "agentd: nowhere/trio.toml: there is no such file\n")
+    answer = agentd("check", "positon_swap")
+    assert answer.code == 2
+    assert re.fullmatch(
+        "agentd: positon_swap: no file and no built-in fleet of this name; did you mean 'position_swap'\\?"
+        " built in: .*position_swap.*\n",
+        answer.err,
+    )
+
+
+def test_an_id_that_is_not_in_the_fleet(trio: Path, agentd: Callable[..., Answer]) -> None:
+    said = f"agentd: {trio}: --id 7: there is no such agent; agents are [1, 2, 3]\n"
+    assert agentd("run", trio, "--id", "7", "--out", trio.parent / "run") == (2, "", said)
+    assert not (trio.parent / "run").exists()
+
+
+def test_a_plug_in_that_refuses_its_options(trio: Path, agentd: Callable[..., Answer]) -> None:
+    said = "agents.1: plant: PointMass refused its options: accel_max must be positive, in m/s², not -1.0"
+    wrong = ["--set", "plants.point.accel_max=-1.0"]
+    assert agentd("simulate", trio, *QUICK, *wrong, "--out", trio.parent / "a") == (2, "", f"agentd: {said}\n")
+    answer = agentd("launch", trio, *QUICK, *wrong, "--out", trio.parent / "b")
+    assert answer.code == 1
+    assert answer.out == ""
+    assert re.search(
+        r"agentd: agent 1 ended with exit code 2 \d+\.\d s after the launch, before its first step: " + re.escape(said),
+        answer.err,
+    )
+    assert "Traceback" not in answer.err
+
+
+def test_a_port_that_is_taken(trio: Path, agentd: Callable[..., Answer]) -> None:
+    with socket.socket() as owner:
+        owner.bind(("127.0.0.1", 0))
+        owner.listen()
+        endpoint = f"tcp/127.0.0.1:{owner.getsockname()[1]}"
+        wrong = ["--set", f"agents.1.endpoint={endpoint}"]
+        said = f"agent 1: cannot listen on {endpoint}, or cannot connect to []: "
+        answer = agentd("run", trio, *wrong, "--id", "1", "--out", trio.parent / "a")
+        assert (answer.code, answer.out) == (1, "")
+        assert answer.err.startswith(f"agentd: {said}")
+        assert answer.err.count("\n") == 1
+        answer = agentd("launch", trio, *QUICK, *wrong, "--out", trio.parent / "b")
+        assert answer.code == 1
+        assert re.search(
+            rf"agentd: agent 1 ended with exit code 1 .* before its first step: {re.escape(said)}", answer.err
+        )
+        assert "Traceback" not in answer.err
+
+
+@pytest.mark.parametrize("command", ["simulate", "launch", "run"])
+def test_a_run_directory_that_cannot_be_written(command: str, trio: Path, agentd: Callable[..., Answer]) -> None:
+    folder = trio / "run"
+    words = ["--id", "1"] if command == "run" else ["--json"]
+    assert agentd(command, trio, *words, "--out", folder) == (
+        1, "", f"agentd: {folder}: cannot be written: Not a directory\n",
+    )  # fmt: skip
+
+
+def test_a_run_directory_that_holds_something(flown: Path, trio: Path, agentd: Callable[..., Answer]) -> None:
+    for command in ("simulate", "launch"):
+        said = f"agentd: {flown}: this directory is not empty; choose another with --out\n"
+        assert agentd(command, trio, *QUICK, "--out", flown) == (1, "", said)
+    before = (flown / "fleet.toml").read_bytes()
+    answer = agentd("run", trio, "--id", "1", "--out", flown)
+    said = f"agentd: {flown / 'agent-1.msgpack'}: there is a log already; choose another directory with --out\n"
+    assert (answer.code, answer.err) == (1, said)
+    assert (flown / "fleet.toml").read_bytes() == before
+
+
+@pytest.mark.parametrize("words", [["report"], ["rerun"], ["export", "--to", "csv"], ["diff", "{flown}"]])
+def test_a_run_that_is_none(words: list[str], flown: Path, tmp_path: Path, agentd: Callable[..., Answer]) -> None:
+    said = f"agentd: {tmp_path}: not a run directory: it has no fleet.toml\n"
+    assert agentd(*(word.format(flown=flown) for word in words), tmp_path) == (1, "", said)
+
+
+def test_a_run_without_logs(flown: Path, tmp_path: Path, agentd: Callable[..., Answer]) -> None:
+    (tmp_path / "fleet.toml").write_bytes((flown / "fleet.toml").read_bytes())
+    (tmp_path / "agent-1.msgpack").touch()
+    said = f"agentd: {tmp_path}: not one log of agents [1, 2, 3]; expected files like agent-1.msgpack\n"
+    assert agentd("report", tmp_path) == (1, "", said)
+
+
+def test_a_format_that_is_not_known(flown: Path, agentd: Callable[..., Answer]) -> None:
+    answer = agentd("export", flown, "--to", "xls")
+    assert (answer.code, answer.out) == (2, "")
+    assert answer.err.count("\n") == 1
+    assert "csv" in answer.err
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ([], "agentd: error: the following arguments are required: COMMAND"),
+        (["simulate"], "agentd simulate: error: the following arguments are required: FLEET"),
+        (["simulate", "x", "--clock", "sundial"], "invalid choice: 'sundial' (choose from 'wall', 'virtual')"),
+        (["plugins", "plans"], "invalid choice: 'plans'"),
+        (["launch", "x", "--seed", "one"], "argument --seed: invalid int value: 'one'"),
+    ],
+)
+def test_a_command_line_that_is_none(words: list[str], said: str, capfd: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as caught:
+        main(words)
+    assert caught.value.code == 2
+    assert said in capfd.readouterr().err
+
+
+@pytest.mark.parametrize("command", ["simulate", "launch"])
+def test_json_prints_one_object_and_nothing_else(command: str, trio: Path, tmp_path: Path) -> None:
+    words = [command, str(trio), "--json", "--seed", "3", "--clock", "virtual", "--set", "time.duration=1.0"]
+    answer = subprocess.run(
+        [sys.executable, "-m", "agentd", *words, "--out", tmp_path / "run"],
+        capture_output=True, text=True, timeout=60, check=False,
+    )  # fmt: skip
+    assert answer.returncode == 0
+    assert answer.stderr == ""
+    assert answer.stdout.count("\n") == 1
+    summary = json.loads(answer.stdout)
+    assert summary.keys() >= KEYS
+    assert summary["fleet"] == "trio"
+    assert summary["run"] == "run"
+    assert (summary["clock"], summary["agents"], summary["steps"]) == ("virtual", 3, 5)
+    for key in ("rounds_per_step", "compute_ms", "negotiation_ms"):
+        assert summary[key].keys() == {"median", "p95", "max"}
+    assert summary["messages"].keys() == {"published", "delivered", "lost", "late", "missing"}
+    assert summary["digest"] == Run.read(tmp_path / "run").digest
+    assert (tmp_path / "run" / "trajectories.png").is_file()  # a report is drawn unless told not to
+
+
+def test_people_get_a_table_and_the_names_of_the_figures(trio: Path, agentd: Callable[..., Answer]) -> None:
+    answer = agentd("simulate", trio, "--set", "time.duration=1.0", "--out", trio.parent / "run")
+    assert answer.code == 0
+    assert answer.out.splitlines()[0].rstrip() == "trio, run: complete topology, virtual clock"
+    assert re.search(r"\n.*run: log of every agent, and .*\.png", answer.out)
+    assert answer.err == ""
+
+
+def test_check_prints_a_file_that_loads_again_as_the_same_fleet(trio: Path, agentd: Callable[..., Answer]) -> None:
+    answer = agentd("check", trio, "--seed", "7", "--set", "exchange.max_rounds=40", "--topology", "path")
+    assert (answer.code, answer.err) == (0, "")
+    copy = trio.with_name("copy.toml")
+    copy.write_text(answer.out)
+    assert load(copy).spec == load(trio, seed=7, topology="path", changes=["exchange.max_rounds=40"]).spec
+    assert agentd("check", copy).out == answer.out
+
+
+def test_check_warns_of_rounds_that_do_not_fit_and_runs_no_plug_in(trio: Path, agentd: Callable[..., Answer]) -> None:
+    (trio.parent / "mine.py").write_text(
+        "raise SystemExit('run')\ndef mine(problem, me, *, step: float = 1.0): yield\n"
+    )
+    answer = agentd("check", trio, "--set", "algorithm.kind=./mine.py:mine", "--set", "exchange.round_timeout=0.01")
+    assert answer.code == 0
+    assert answer.err.splitlines() == [
+        "agentd: note: exchange: worst case 200 x 10 ms = 2.000 s > budget 0.150 s: a step may end by time, not by"
+        " agreement",
+        "agentd: note: algorithm: ./mine.py:mine was not run, so its keys are checked by name at most",
+    ]
+    answer = agentd("check", trio, "--load", "--set", "algorithm.kind=./mine.py:mine")
+    assert answer.code == 2
+    assert answer.err == (
+        f"agentd: {trio}: algorithm.kind: ./mine.py:mine: importing {trio.parent / 'mine.py'}, line 1 failed:"
+        " SystemExit: run\n"
+    )
+
+
+def test_plugins_lists_kinds_with_their_keys(agentd: Callable[..., Answer]) -> None:
+    answer = agentd("plugins", "plants")
+    assert answer.code == 0
+    assert answer.out.splitlines()[0] == "plants"
+    assert "accel_max: number = 2.0" in answer.out
+
+
+def test_export_writes_what_the_run_holds(flown: Path, tmp_path: Path, agentd: Callable[..., Answer]) -> None:
+    for kind in ("csv", "npz", "mat"):
+        answer = agentd("export", flown, "--to", kind, "--out", tmp_path / f"run.{kind}")
+        assert answer == (0, f"{tmp_path / f'run.{kind}'}\n", "")
+    assert len((tmp_path / "run.csv").read_text().splitlines()) == 1 + 3 * 5
+    with np.load(tmp_path / "run.npz") as arrays:
+        assert arrays.files
+
+
+def test_diff_says_identical_or_where_two_runs_part(flown: Path, trio: Path, agentd: Callable[..., Answer]) -> None:
+    same, other = trio.parent / "same", trio.parent / "other"
+    assert agentd("simulate", trio, *QUICK, "--out", same).code == 0
+    assert agentd("simulate", trio, *QUICK, "--set", "problem.horizon=4", "--out", other).code == 0
+    assert agentd("diff", flown, same) == (0, "identical\n", "")
+    answer = agentd("diff", flown, other)
+    assert answer.code == 1
+    assert re.search(r"agent 1.*step 0", answer.out)
+    assert agentd("diff", flown, other, "--tolerance", "100").out != answer.out
+
+
+def test_rerun_repeats_a_run_bit_by_bit(flown: Path, tmp_path: Path, agentd: Callable[..., Answer]) -> None:
+    answer = agentd("rerun", flown, "--json", "--no-report", "--out", tmp_path / "again")
+    assert answer.code == 0
+    assert answer.err == "identical\n"
+    assert json.loads(answer.out)["digest"] == Run.read(flown).digest
+    assert Run.read(tmp_path / "again").digest == Run.read(flown).digest
+
+
+def test_report_names_the_figures_it_draws(flown: Path, tmp_path: Path, agentd: Callable[..., Answer]) -> None:
+    answer = agentd("report", flown, flown, "--out", tmp_path)
+    assert answer.code == 0
+    paths = [Path(line) for line in answer.out.splitlines()]
+    assert {path.suffix for path in paths} == {".png", ".pdf"}
+    assert all(path.parent == tmp_path and path.stat().st_size > 1000 for path in paths)

@@ -1,0 +1,427 @@
+"""Real Zenoh sessions over the loopback interface."""
+
+import json
+import socket
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+import msgpack
+import numpy as np
+import pytest
+import zenoh
+
+import dcf_zenoh
+from dcf_zenoh import Run
+from dcf_zenoh.errors import NetworkError, NotReady
+from dcf_zenoh.graph import Neighbourhood
+from dcf_zenoh.messaging.hello import ClockOffset
+from dcf_zenoh.messaging.message import BYTES_MAX, VERSION, Last, Message, encode
+from dcf_zenoh.messaging.network import (
+    CHANNEL_SIZE,
+    Address,
+    Lost,
+    Network,
+    Refused,
+    Stop,
+    endpoints_to_connect,
+)
+from tests.daemons import TRIO, Launch, until
+
+PREFIX = "dcf/test/run"
+LINKS = {1: [2], 2: [1]}  # agent -> whom it hears
+
+
+def free_ports(count: int) -> list[int]:
+    with ExitStack() as stack:
+        probes = [stack.enter_context(socket.socket()) for _ in range(count)]
+        for probe in probes:
+            probe.bind(("127.0.0.1", 0))
+        return [probe.getsockname()[1] for probe in probes]
+
+
+class Site:
+    """Where a fleet's agents listen, and whom they hear."""
+
+    def __init__(self, hears: Mapping[int, list[int]] = LINKS) -> None:
+        ports = free_ports(len(hears))
+        self.hears = hears
+        self.endpoints = {i: f"tcp/127.0.0.1:{port}" for i, port in zip(hears, ports, strict=True)}
+
+    def open(self, agent: int) -> Network:
+        """The session of one agent."""
+        receives = tuple(self.hears[agent])
+        sends = tuple(j for j in self.hears if agent in self.hears[j])
+        weights = dict.fromkeys((agent, *receives), 1 / (1 + len(receives)))
+        hood = Neighbourhood(receives, sends, weights, 1, doubly_stochastic=False)
+        connect = endpoints_to_connect(agent, sorted({*receives, *sends}), self.endpoints)
+        return Network(agent, hood, Address(PREFIX, self.endpoints[agent], connect, {}))
+
+
+@contextmanager
+def met(hears: Mapping[int, list[int]] = LINKS) -> Iterator[tuple[dict[int, Network], Site]]:
+    """A fleet that is ready."""
+    site = Site(hears)
+    with ExitStack() as stack:
+        networks = {i: stack.enter_context(site.open(i)) for i in hears}
+        meet(networks)
+        yield networks, site
+
+
+def meet(networks: Mapping[int, Network], timeout: float = 10.0) -> dict[int, dict[int, ClockOffset]]:
+    with ThreadPoolExecutor() as pool:
+        found = {i: pool.submit(network.meet, "same", timeout) for i, network in networks.items()}
+        return {i: future.result(timeout + 5.0) for i, future in found.items()}
+
+
+def message(sender: int, sequence: int, size: int = 3, last: Last = Last.NO) -> Message:
+    payload = {"x": np.full(size, float(sequence))}
+    return Message(sender, 0, sequence, 4, sequence, 10 * sequence, -1, -1, 0, last, (0.5,), payload)
+
+
+def soon(seconds: float = 10.0) -> float:
+    return time.monotonic() + seconds
+
+
+def receive(network: Network, sender: int, within: float = 10.0) -> Message:
+    """The next message, past events that are none of its business."""
+    deadline = soon(within)
+    while (found := network.receive(sender, deadline)) is None:
+        assert time.monotonic() < deadline, f"nothing from {sender}"
+        network.next_event(0.0)
+    assert isinstance(found, Message), found
+    return found
+
+
+def event_of(network: Network, kind: type, within: float = 10.0) -> object:
+    """The next event of a kind."""
+    deadline = soon(within)
+    while not isinstance(event := network.next_event(deadline), kind):
+        assert time.monotonic() < deadline, f"no {kind.__name__}"
+    return event
+
+
+@contextmanager
+def bare_session(*endpoints: str) -> Iterator[zenoh.Session]:
+    """A stranger with a direct link to some agents."""
+    config = zenoh.Config()
+    for key, value in {
+        "mode": "peer",
+        "connect/endpoints": list(endpoints),
+        "connect/retry": {"period_init_ms": 20, "period_max_ms": 20, "period_increase_factor": 1.0},
+        "listen/endpoints": [],
+        "scouting/multicast/enabled": False,
+        "scouting/gossip/enabled": False,
+    }.items():
+        config.insert_json5(key, json.dumps(value))
+    session = zenoh.open(config)
+    try:
+        yield session
+    finally:
+        session.close()  # type: ignore[no-untyped-call]
+
+
+def knock(stranger: zenoh.Session, key: str) -> None:
+    """Wait until what a stranger publishes arrives."""
+    publisher = stranger.declare_publisher(key)
+    until(lambda: publisher.matching_status.matching, "a link")  # type: ignore[attr-defined]
+    publisher.undeclare()  # type: ignore[no-untyped-call]
+
+
+def next_refused(network: Network, sender: int = 1) -> Refused:
+    deadline = soon()
+    while (found := network.receive(sender, deadline)) is None:
+        assert time.monotonic() < deadline, "nothing"
+        network.next_event(0.0)
+    assert isinstance(found, Refused)
+    return found
+
+
+def holds(true: Callable[[], bool], seconds: float) -> bool:
+    """Whether something stays so for a while."""
+    end = soon(seconds)
+    while true():
+        if time.monotonic() >= end:
+            return True
+        time.sleep(0.005)  # between two looks
+    return False
+
+
+def attacks(sender: int) -> dict[str, bytes]:
+    """Bytes that are no message of `sender` -> why."""
+    good = encode(message(sender, 10**6))
+    fields = msgpack.unpackb(good, use_list=True)
+    return {
+        "not a msgpack message: FormatError": b"\xc1 anything",
+        "not a msgpack message: ValueError": good[: len(good) // 2],
+        "not a msgpack message: ValueError Unpack failed: incomplete input": b"",
+        "expected a msgpack array, got int": b"\x07",
+        f"version {VERSION + 1} is not spoken here": msgpack.packb([VERSION + 1, *fields[1:]]),
+        "expected 12 fields after the version, got 11": msgpack.packb(fields[:-1]),
+        "sequence: expected an integer of at least 0": msgpack.packb([*fields[:3], "7", *fields[4:]]),
+        "payload 'x': dtype '|O' is not accepted": msgpack.packb([*fields[:-1], {"x": ["|O", [1], b"12345678"]}]),
+        f"{BYTES_MAX + 1} bytes are too many": b"\0" * (BYTES_MAX + 1),
+        f"it claims to come from agent {sender + 70}": encode(message(sender + 70, 0)),
+    }
+
+
+def test_neighbours_meet_and_know_each_others_clocks() -> None:
+    site = Site({1: [2, 3], 2: [1, 3], 3: [1, 2]})
+    with ExitStack() as stack:
+        offsets = meet({i: stack.enter_context(site.open(i)) for i in site.hears})
+    for i, found in offsets.items():
+        assert sorted(found) == [j for j in site.hears if j != i]
+        for offset in found.values():  # it is the same clock
+            assert abs(offset.ahead) <= offset.error + 1_000
+            assert offset.error < 0.5e9
+
+
+def test_who_connects_waits_for_who_listens_to_start() -> None:
+    site = Site()
+    with site.open(2) as early, ThreadPoolExecutor() as pool:
+        future = pool.submit(early.meet, "same", 10.0)
+        assert holds(lambda: not future.done(), 0.3)
+        with site.open(1) as late:
+            late.meet("same", 10.0)
+            assert list(future.result(10.0)) == [1]
+
+
+def test_who_is_missing_at_the_deadline_is_named() -> None:
+    site = Site({1: [2, 3], 2: [1, 3], 3: [1, 2]})
+    with site.open(1) as one, site.open(2) as two, ThreadPoolExecutor() as pool:
+        began = time.monotonic()
+        found = [pool.submit(network.meet, "same", 0.6) for network in (one, two)]
+        errors = [str(future.exception(10.0)) for future in found]
+        assert 0.6 <= time.monotonic() - began < 2.0
+        assert [type(future.exception()) for future in found] == [NotReady, NotReady]
+    text = "not ready within 0.6 s: nothing heard of agents [3], no answer from []"
+    assert errors == [f"agent 1: {text}", f"agent 2: {text}"]
+    assert issubclass(NotReady, TimeoutError)
+
+
+def test_who_leaves_before_all_are_ready_has_to_come_back() -> None:
+    site = Site({1: [2, 3], 2: [1, 3], 3: [1, 2]})
+    with site.open(1) as one, ThreadPoolExecutor() as pool:
+        patient = pool.submit(one.meet, "same", 10.0)
+        with site.open(2) as two, pytest.raises(NotReady):
+            two.meet("same", 0.5)
+        with site.open(3) as three:
+            other = pool.submit(three.meet, "same", 10.0)
+            assert holds(lambda: not patient.done(), 0.3)
+            with site.open(2) as two:
+                two.meet("same", 10.0)
+                assert sorted(patient.result(10.0)) == [2, 3]
+                assert sorted(other.result(10.0)) == [1, 2]
+
+
+def test_another_fleet_file_is_refused() -> None:
+    site = Site()
+    with site.open(1) as one, site.open(2) as two, ThreadPoolExecutor() as pool:
+        found = pool.submit(one.meet, "abc", 10.0), pool.submit(two.meet, "xyz", 10.0)
+        errors = [future.exception(10.0) for future in found]
+    assert str(errors[0]) == (
+        "agent 1: agent 2 runs another fleet file, other plug-ins or another version: fingerprint xyz, expected abc"
+    )
+    assert isinstance(errors[1], NetworkError)
+
+
+def test_a_stop_ends_the_wait_for_neighbours() -> None:
+    site = Site()
+    with site.open(1) as one, ThreadPoolExecutor() as pool:
+        future = pool.submit(one.meet, "same", 10.0)
+        one.notify(Stop("stopped by SIGTERM"))
+        assert str(future.exception(2.0)) == "agent 1: stopped by SIGTERM before all neighbours were ready"
+
+
+def test_a_taken_port_is_named() -> None:
+    site = Site()
+    with site.open(1), pytest.raises(NetworkError) as caught:
+        site.open(1)
+    assert str(caught.value).startswith(f"agent 1: cannot listen on {site.endpoints[1]}, or cannot connect to []: ")
+    assert "\n" not in str(caught.value)
+
+
+def test_a_setting_that_is_not_zenohs_is_named() -> None:
+    with pytest.raises(NetworkError, match=r"zenoh\.settings.*transport/link/tx/leese.* 3: "):
+        Address(PREFIX, "tcp/127.0.0.1:0", (), {"transport/link/tx/leese": 3}).config()
+
+
+def test_one_way_links_become_ready_and_carry_messages_one_way() -> None:
+    with met({1: [], 2: [1], 3: [2]}) as (networks, _):
+        networks[1].publish(message(1, 0))
+        assert receive(networks[2], 1).sequence == 0
+        networks[2].publish(message(2, 5))
+        assert receive(networks[3], 2).sequence == 5
+        assert networks[2].arrived(1) is None
+        with pytest.raises(KeyError):
+            networks[1].receive(2, soon())
+
+
+def test_what_all_get_and_what_one_gets_arrive_in_order() -> None:
+    with met({1: [2, 3], 2: [1, 3], 3: [1, 2]}) as (networks, _):
+        for number in range(300):
+            networks[1].publish(message(1, number), (None, 2, 3)[number % 3])
+        for number in range(300):
+            if number % 3 != 2:
+                found = receive(networks[2], 1)
+                assert found.sequence == number
+                np.testing.assert_array_equal(found.payload["x"], np.full(3, float(number)))
+            if number % 3 != 1:
+                assert receive(networks[3], 1).sequence == number
+        assert networks[2].arrived(1) is None
+        assert networks[3].arrived(1) is None
+
+
+def test_the_time_of_sending_can_be_stamped_at_the_last_moment() -> None:
+    with met() as (networks, _):
+        networks[1].publish(message(1, 3), None, 12345)
+        found = receive(networks[2], 1)
+        assert found.sent == 12345
+        assert found[:5] == message(1, 3)[:5]
+        assert found[6:-1] == message(1, 3)[6:-1]
+
+
+def test_a_megabyte_arrives_whole() -> None:
+    with met() as (networks, _):
+        large = np.random.default_rng(1).normal(size=125_000)
+        networks[1].publish(message(1, 0)._replace(payload={"x": large}))
+        np.testing.assert_array_equal(receive(networks[2], 1).payload["x"], large)
+
+
+def test_a_session_that_closes_is_lost_to_its_neighbours() -> None:
+    site = Site({1: [2, 3], 2: [1, 3], 3: [1, 2]})
+    with site.open(1) as one, site.open(2) as two:
+        with site.open(3) as three:
+            meet({1: one, 2: two, 3: three})
+            three.publish(message(3, 0))
+            receive(one, 3)
+        assert event_of(one, Lost) == Lost(3)
+        assert event_of(two, Lost) == Lost(3)
+        receive(two, 3)  # what it said before is still there
+        one.publish(message(1, 0))  # and the others go on
+        assert receive(two, 1).sequence == 0
+
+
+def test_a_wait_ends_at_its_deadline_without_a_message() -> None:
+    late = []
+    with met() as (networks, _):
+        while networks[1].next_event(soon(0.1)) is not None:  # hellos
+            pass
+        for ahead in (0.0, 0.001, 0.01, 0.03, 0.05) * 5:
+            deadline = time.monotonic() + ahead
+            assert networks[1].receive(2, deadline) is None
+            late.append(time.monotonic() - deadline)
+    assert min(late) >= 0.0
+    assert sorted(late)[len(late) // 2] < 0.02
+    assert max(late) < 0.5
+
+
+def test_a_message_ends_a_wait_long_before_its_deadline() -> None:
+    with met() as (networks, _), ThreadPoolExecutor() as pool:
+        for number in range(20):
+            waiting = pool.submit(receive, networks[2], 1)
+            networks[1].publish(message(1, number))
+            assert waiting.result(2.0).sequence == number
+
+
+def test_an_event_wakes_who_waits_for_a_message_and_loses_none() -> None:
+    with met() as (networks, _), ThreadPoolExecutor() as pool:
+        while networks[2].next_event(soon(0.1)) is not None:
+            pass
+        for number in range(20):
+            waiting: Future[Message | Refused | None] = pool.submit(networks[2].receive, 1, soon(30.0))
+            networks[2].notify(Stop(f"number {number}"))
+            assert waiting.result(2.0) is None
+            assert networks[2].next_event(0.0) == Stop(f"number {number}")
+            networks[1].publish(message(1, number))
+            assert receive(networks[2], 1).sequence == number
+
+
+def test_a_session_with_a_full_channel_closes() -> None:
+    with ExitStack() as stack:
+        site = Site()
+        one, two = stack.enter_context(site.open(1)), site.open(2)
+        meet({1: one, 2: two})
+        sent = 0
+        over = threading.Event()
+
+        def flood() -> None:
+            nonlocal sent
+            while sent < 3 * CHANNEL_SIZE and not over.is_set():
+                one.publish(message(1, sent, size=100))
+                sent += 1
+
+        sender = threading.Thread(target=flood)
+        sender.start()
+        stack.callback(sender.join)
+        until(lambda: sent > CHANNEL_SIZE, "a full channel")
+        closing = threading.Thread(target=two.__exit__, args=(None, None, None), daemon=True)
+        closing.start()
+        closing.join(5.0)
+        over.set()
+        assert not closing.is_alive()
+        sender.join(5.0)
+        assert not sender.is_alive()
+
+
+def test_what_is_no_message_is_refused_and_changes_nothing() -> None:
+    with met() as (networks, site), bare_session(site.endpoints[2]) as stranger:
+        key = f"{PREFIX}/from/1/to/2"
+        knock(stranger, key)
+        for reason, data in attacks(1).items():
+            stranger.put(key, data)
+            found = next_refused(networks[2])
+            assert found.key == key
+            assert reason in found.reason
+            networks[1].publish(message(1, 7))
+            assert receive(networks[2], 1).sequence == 7
+        for data in (b"", b"\xc1", msgpack.packb([9, "same", 1, 2, 3]), msgpack.packb([1, "same", 1, 2, None])):
+            stranger.put(f"{PREFIX}/hello/1/to/2", data)
+            event = event_of(networks[2], Refused)
+            assert isinstance(event, Refused)
+            assert event.key == f"{PREFIX}/hello/1/to/2"
+
+
+def test_refused_hellos_before_the_start_are_told_after_it() -> None:
+    site = Site()
+    with site.open(1) as one, bare_session(site.endpoints[1]) as stranger, ThreadPoolExecutor() as pool:
+        future = pool.submit(one.meet, "same", 20.0)
+        key = f"{PREFIX}/hello/2/to/1"
+        knock(stranger, key)
+        stranger.put(key, b"no hello")
+        with site.open(2) as two:
+            two.meet("same", 10.0)
+            future.result(10.0)
+        assert str(getattr(event_of(one, Refused), "reason", "")).startswith("not a hello")
+
+
+def test_an_attacked_fleet_does_what_it_does_in_peace(tmp_path: Path) -> None:
+    fleet = tmp_path / "trio.toml"
+    fleet.write_text(TRIO[: TRIO.index("[agents.3]")])
+    changes = ["time.clock='virtual'", "time.duration=20.0"]
+    with Launch(fleet, tmp_path / "run", *changes) as launch, ExitStack() as stack:
+        until(lambda: launch.about.get("endpoints"), "the endpoints")
+        stranger = stack.enter_context(bare_session(*launch.about["endpoints"].values()))
+        attacked = {f"dcf/trio/run/{kind}/{i}/to/{j}": i for i, j in ((1, 2), (2, 1)) for kind in ("from", "hello")}
+        for key in attacked:
+            knock(stranger, key)
+            stranger.put(key, b"\0" * (BYTES_MAX + 1))
+        deadline = soon(60.0)
+        while launch.process.poll() is None and time.monotonic() < deadline:
+            for key, sender in attacked.items():
+                for data in attacks(sender).values():
+                    if len(data) < BYTES_MAX:
+                        stranger.put(key, data)
+        assert launch.end() == 0
+        run = Run.read(launch.folder)
+        for agent, log in run.agents.items():
+            assert log.end is not None
+            assert log.end["counts"]["refused"] > 10
+            assert log.end["counts"]["duplicates"] == 0
+            complaints = (launch.folder / f"agent-{agent}.err").read_text().splitlines()
+            assert len(complaints) == 5
+            assert all(line.startswith("refused a message on dcf/trio/run/") for line in complaints)
+        assert run.digest == dcf_zenoh.simulate(fleet, changes=changes).digest
