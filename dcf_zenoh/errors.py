@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 _LIBRARIES = [sysconfig.get_path(name) for name in ("stdlib", "purelib", "platlib")]
-_NOT_THE_USERS = tuple(os.path.join(folder, "") for folder in (Path(__file__).parent, *_LIBRARIES))  # noqa: PTH118
+_NOT_THE_USERS = tuple(os.path.join(folder, "") for folder in (str(Path(__file__).parent), *_LIBRARIES))  # noqa: PTH118
 
 
 class DcfError(Exception):
