@@ -5,6 +5,7 @@ import logging
 import sys
 import traceback
 from collections.abc import Sequence
+from contextlib import redirect_stdout
 from pathlib import Path
 
 from agentd import commands, exit_codes
@@ -29,8 +30,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; its exit code."""
     options = _parser().parse_args(arguments)
     logging.basicConfig(level=logging.WARNING, format="%(message)s", stream=sys.stderr)
+    options.output = sys.stdout
+    aside = sys.stderr if getattr(options, "json", False) else sys.stdout  # for what plug-ins print
     try:
-        code: int = options.command(options)
+        with redirect_stdout(aside):
+            code: int = options.command(options)
         return code
     except DcfError as error:
         _complain(error)

@@ -36,9 +36,10 @@ def run(options: Namespace) -> int:
     Start one per agent, on one machine or on several, each with the same fleet file. They meet at the endpoints that
     the fleet file gives (agents.N.endpoint), by default tcp/127.0.0.1:7450+N, and start together.
     """
-    from agentd.daemon import Assignment, run_agent  # noqa: PLC0415
+    from agentd.daemon import Assignment, claim_stdout, run_agent  # noqa: PLC0415
     from dcf_zenoh.config import freeze  # noqa: PLC0415
 
+    status = claim_stdout() if options.supervised else None
     fleet = _load(options)
     if options.id not in fleet.spec.agents:
         raise ConfigurationError(
@@ -55,7 +56,7 @@ def run(options: Namespace) -> int:
         run=options.run or about.get("run", "manual"),
         folder=folder,
         endpoints=endpoints or default_endpoints(fleet.spec),
-        supervised=options.supervised,
+        status=status,
     )
     run_agent(fleet, task)
     return 0
@@ -193,7 +194,7 @@ def _finish(run: Run, options: Namespace) -> None:
 
     summary = run.summary()
     if options.json:
-        print(json.dumps(summary))
+        print(json.dumps(summary), file=options.output)
     else:
         Console().print(summary_table(summary))
     if not options.no_report and run.folder is not None:

@@ -5,7 +5,6 @@ import json
 import logging
 import os
 import signal
-import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -39,14 +38,14 @@ class Assignment:
         run: Name of the run; part of all keys.
         folder: The run directory.
         endpoints: Where every agent listens.
-        supervised: A launcher reads status lines from standard output, and the end of standard input means stop.
+        status: Where a launcher reads status lines, whose end closes standard input; None: nobody launched this one.
     """
 
     agent: int
     run: str
     folder: Path
     endpoints: dict[int, str]
-    supervised: bool = False
+    status: TextIO | None = None
 
 
 def fingerprint(fleet: LoadedFleet) -> str:
@@ -76,7 +75,7 @@ def run_agent(fleet: LoadedFleet, task: Assignment) -> Last:
     with (
         open_log(task.folder, task.agent) as stream,
         Network(task.agent, hood, address) as network,
-        _stop_events(network, supervised=task.supervised),
+        _stop_events(network, supervised=task.status is not None),
     ):
         offsets = network.meet(fingerprint(fleet), fleet.spec.zenoh.ready_timeout)
         _check_offsets(task.agent, offsets, wall=fleet.spec.time.clock == "wall")
@@ -84,7 +83,7 @@ def run_agent(fleet: LoadedFleet, task: Assignment) -> Last:
             "run": task.run,
             "clock_offsets": {j: (offset.ahead, offset.error) for j, offset in offsets.items()},
         }
-        status = Status(task.agent, sys.stdout) if task.supervised else None
+        status = Status(task.agent, task.status) if task.status else None
         parts = blueprint.build(task.agent, stream, about, status.observe if status else lambda _record: None)
         return _run(fleet, parts, network, hood.receives_from)
 
@@ -107,6 +106,13 @@ def _run(fleet: LoadedFleet, parts: AgentParts, network: Network, senders: tuple
         raise
     finally:
         parts.plant.close()
+
+
+def claim_stdout() -> TextIO:
+    """Keep standard output for status lines; whatever else is printed, by plug-ins say, goes to standard error."""
+    stream = os.fdopen(os.dup(1), "w", encoding="utf-8")
+    os.dup2(2, 1)
+    return stream
 
 
 class Status:
