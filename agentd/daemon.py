@@ -5,6 +5,7 @@ import json
 import logging
 import os
 import signal
+import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -16,7 +17,7 @@ from typing import TextIO
 from agentd.runner import Stopped, await_goodbyes, run_virtual, run_wall, spare_collector
 from dcf_zenoh.assembly import AgentParts, Blueprint
 from dcf_zenoh.config import LoadedFleet, to_toml
-from dcf_zenoh.errors import NetworkError
+from dcf_zenoh.errors import NetworkError, PlantError, blaming
 from dcf_zenoh.messaging.hello import ClockOffset
 from dcf_zenoh.messaging.message import VERSION, Last
 from dcf_zenoh.messaging.network import Address, Network, Stop, endpoints_to_connect
@@ -91,7 +92,8 @@ def run_agent(fleet: LoadedFleet, task: Assignment) -> Last:
 def _run(fleet: LoadedFleet, parts: AgentParts, network: Network, senders: tuple[int, ...]) -> Last:
     last = Last.FAILED
     try:
-        parts.plant.prepare()
+        with blaming(PlantError, f"agent {parts.id}: prepare"):
+            parts.plant.prepare()
         spare_collector()
         if fleet.spec.time.clock == "wall":
             last = run_wall(parts, network)
@@ -112,6 +114,7 @@ def claim_stdout() -> TextIO:
     """Keep standard output for status lines; whatever else is printed, by plug-ins say, goes to standard error."""
     stream = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)
+    sys.stdout = sys.stderr  # which is not buffered: what is printed comes before the error that ends it all
     return stream
 
 

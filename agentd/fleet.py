@@ -24,6 +24,7 @@ from dcf_zenoh.messaging.network import check_settings
 REACTION = 2.0  # s the others get to end by themselves after one has failed
 LINGER = 30.0  # s the others get to end after one has reached its planned end
 TERM = 3.0  # s between SIGTERM and SIGKILL
+LAST_STATUS = 1.0  # s to read what a daemon wrote before it ended
 
 Show: TypeAlias = Callable[[Mapping[int, Mapping[str, Any]]], None]
 Say: TypeAlias = Callable[[str], None]
@@ -43,6 +44,7 @@ class Daemon:
         errors: File with its standard error.
         status: Last status line.
         code: Its exit code once it has ended; negative for a signal.
+        reader: Reads the status lines.
     """
 
     agent: int
@@ -50,8 +52,13 @@ class Daemon:
     errors: Path
     status: Mapping[str, Any] = field(default_factory=dict)
     code: int | None = None
+    reader: threading.Thread = field(init=False)
 
-    def read_status(self) -> None:
+    def __post_init__(self) -> None:
+        self.reader = threading.Thread(target=self._read_status, daemon=True)
+        self.reader.start()
+
+    def _read_status(self) -> None:
         """Keep the last status line; returns when the daemon closes its output."""
         assert self.process.stdout is not None
         with self.process.stdout as lines:
@@ -146,9 +153,7 @@ def _spawn(folder: Path, agent: int) -> Daemon:
             text=True,
             start_new_session=True,
         )
-    daemon = Daemon(agent, process, path)
-    threading.Thread(target=daemon.read_status, daemon=True).start()
-    return daemon
+    return Daemon(agent, process, path)
 
 
 def _supervise(
@@ -187,6 +192,7 @@ def _supervise(
 def _death(daemon: Daemon, after: float) -> str:
     """How a daemon ended, and when."""
     code = daemon.code or 0
+    daemon.reader.join(LAST_STATUS)
     how = f"was killed by {signal.Signals(-code).name}" if code < 0 else f"ended with exit code {code}"
     words = daemon.last_words()
     return f"{how} {after:.1f} s after the launch{_progress(daemon)}" + (f": {words}" if words else "")

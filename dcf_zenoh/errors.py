@@ -96,7 +96,7 @@ def blaming(kind: type[DcfError], where: str) -> Iterator[None]:
         yield
     except DcfError:
         raise
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise kind(f"{where}: {account(error)}") from error
 
 

@@ -147,7 +147,8 @@ class Exchange:
             for publication in publications:
                 now = yield publication
             deadline = min(until, now + self._round_timeout)
-            now = yield Wait(deadline, senders, step, round)
+            if senders:
+                now = yield Wait(deadline, senders, step, round)
             end = reception.complete_at(round, now)
             if end > now:
                 now = yield Wait(min(end, deadline))
@@ -185,8 +186,8 @@ class Exchange:
         }
 
     def departed(self, last: Last) -> bool:
-        """Whether a neighbour has said goodbye with `last`."""
-        return any(self._mailbox.departed(j) is last for j in self._reception.last_heard)
+        """Whether a neighbour has said goodbye with `last`, as far as the model knows."""
+        return last in self._reception.departed.values()
 
     def lost_neighbours(self, step: int, now: int, silent_after: int) -> dict[int, str]:
         """Neighbours that died, failed or have been silent for longer than `silent_after` ns, and which it is."""
@@ -216,7 +217,7 @@ class Exchange:
             raise AlgorithmError(f"{self._place(step, round)}: {error}") from error
         except DcfError:
             raise
-        except Exception as error:
+        except (Exception, SystemExit) as error:
             raise AlgorithmError(f"{self._place(step, round)}: {account(error)}") from error
         if inbox is not None and inbox.stop:
             raise AlgorithmError(f"{self._place(step, round)}: the algorithm went on after inbox.stop")
@@ -263,7 +264,7 @@ class Exchange:
         """The next message of this agent."""
         sequence = self._sequence
         self._sequence += 1
-        self._published += 1
+        self._published += step >= 0 and last < Last.DONE  # what the links of the steps carry
         return Message(
             self._agent, self._incarnation, sequence, step, round, now, header.stop_at, header.settled_hops, 0, last,
             header.residuals, payload,

@@ -6,8 +6,7 @@ from typing import Any
 
 from dcf_zenoh.algorithms.algorithm import Inbox
 from dcf_zenoh.messaging.mailbox import Delivery, Mailbox
-from dcf_zenoh.messaging.message import Message, Payload
-from dcf_zenoh.requests import NEVER
+from dcf_zenoh.messaging.message import Last, Message, Payload
 
 
 @dataclass(slots=True)
@@ -32,6 +31,7 @@ class Reception:
     Attributes:
         links: Neighbour -> what came from it in this step.
         last_heard: Neighbour -> when something of it was last there, fleet time in ns.
+        departed: Neighbour -> its goodbye, of those whose goodbye is there.
     """
 
     def __init__(self, mailbox: Mailbox, *, hold: bool) -> None:
@@ -42,6 +42,8 @@ class Reception:
         self._heard: dict[int, Delivery] = {}  # newest of each neighbour in this step
         self._names: Set[Any] = frozenset()  # of the own payload
         self._names_since = 0  # round since which it has had them
+        self._through: set[int] = set()  # neighbours that have said that they are through with this step
+        self.departed: dict[int, Last] = {}
         self.links: dict[int, LinkCount] = {}
         self.last_heard: dict[int, int] = {}
 
@@ -49,6 +51,7 @@ class Reception:
         """Start a step, in which `senders` are heard: nothing of an earlier one enters it."""
         self._step = step
         self._heard = {}
+        self._through = set(self.departed)
         self._names, self._names_since = frozenset(), 0
         self.links = {j: LinkCount() for j in senders}
         for j in self.links:
@@ -76,6 +79,7 @@ class Reception:
                     continue
                 self.last_heard[j] = due
                 if message.last:
+                    self._end(message)
                     continue
                 if message.step == self._step:
                     self._heard[j] = delivery
@@ -83,7 +87,14 @@ class Reception:
                 link.late += not fresh
             self._waiting[j] = later
             link.received += fresh
-            link.missing += not fresh and not self._mailbox.knows(j, self._step, NEVER)
+            link.missing += not fresh and j not in self._through
+
+    def _end(self, message: Message) -> None:
+        """Take in that more will not come in a step, or ever."""
+        if message.last >= Last.DONE:
+            self.departed[message.sender] = message.last
+        if message.last >= Last.DONE or message.step == self._step:
+            self._through.add(message.sender)
 
     @property
     def messages(self) -> list[Message]:

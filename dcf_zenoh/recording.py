@@ -106,7 +106,7 @@ class Recorder:
     """Writes one agent's stream; every object is handed to the operating system at once.
 
     Args:
-        stream: Open for writing bytes.
+        stream: Open for writing bytes, unbuffered.
         agent: Id.
         about: What else the header says: fleet, run, seed, clock.
         observe: Told of every record once it is written.
@@ -151,24 +151,21 @@ class Recorder:
 
     def _write(self, item: object) -> None:
         try:
-            self._stream.write(msgpack.packb(item, default=_plain))
-            self._stream.flush()
+            left = memoryview(msgpack.packb(item, default=_plain))
+            while left:  # an unbuffered stream may take less than all
+                left = left[self._stream.write(left) :]
         except OSError as error:
             raise RecordingError(f"cannot write the log: {error}") from error
 
 
-def read_stream(data: bytes, source: str) -> Iterator[Any]:
-    """The whole objects of a stream; one that was cut off in the middle is left out.
-
-    Raises:
-        RecordingError: `data` is no msgpack stream.
-    """
+def read_stream(data: bytes) -> Iterator[Any]:
+    """The whole objects of a stream, up to where it was cut off or damaged."""
     unpacker = msgpack.Unpacker(max_buffer_size=0, strict_map_key=False)
     unpacker.feed(data)
     try:
         yield from unpacker
-    except (ValueError, msgpack.UnpackException) as error:
-        raise RecordingError(f"{source}: not a log: {error}") from error
+    except (ValueError, msgpack.UnpackException):
+        return
 
 
 def open_log(directory: Path, agent: int) -> BinaryIO:
@@ -180,7 +177,7 @@ def open_log(directory: Path, agent: int) -> BinaryIO:
     path = directory / log_name(agent)
     try:
         directory.mkdir(parents=True, exist_ok=True)
-        return path.open("xb")
+        return path.open("wb" if path.is_file() and not path.stat().st_size else "xb", buffering=0)
     except FileExistsError:
         raise RecordingError(f"{path}: there is a log already; choose another directory with --out") from None
     except OSError as error:

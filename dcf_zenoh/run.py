@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import logging
 import struct
 from collections import Counter
 from collections.abc import Mapping
@@ -20,6 +21,7 @@ from dcf_zenoh.plant import Array, read_only
 from dcf_zenoh.recording import SCHEMA, StepRecord, log_name, read_stream
 from dcf_zenoh.spec import FleetSpec
 
+log = logging.getLogger(__name__)
 Integers = npt.NDArray[np.int64]
 
 
@@ -84,7 +86,7 @@ class AgentLog:
         Raises:
             RecordingError: It is no log, or one of another schema.
         """
-        items = list(read_stream(data, source))
+        items = list(read_stream(data))
         if not items or not isinstance(items[0], dict) or "schema" not in items[0]:
             raise RecordingError(f"{source}: not a log of an agent: it has no header")
         header = items[0]
@@ -152,7 +154,16 @@ class Run:
             raise RecordingError(
                 f"{folder}: not one log of agents {list(fleet.ids)}; expected files like {log_name(1)}"
             )
-        logs = {i: AgentLog.read(path.read_bytes(), str(path)) for i, path in found.items()}
+        logs = {}
+        problems = []
+        for i, path in found.items():  # one log that cannot be read costs one agent
+            try:
+                logs[i] = AgentLog.read(path.read_bytes(), str(path))
+            except RecordingError as error:
+                problems.append(str(error))
+                log.warning("%s", error)
+        if not logs:
+            raise RecordingError("; ".join(problems))
         return cls(folder.resolve().name, fleet, logs, folder)
 
     @property

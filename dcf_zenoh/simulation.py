@@ -10,7 +10,7 @@ from threadpoolctl import threadpool_limits
 
 from dcf_zenoh.assembly import AgentParts, Blueprint
 from dcf_zenoh.config import LoadedFleet, freeze, load
-from dcf_zenoh.errors import DcfError
+from dcf_zenoh.errors import DcfError, PlantError, blaming
 from dcf_zenoh.graph import Graph
 from dcf_zenoh.recording import open_log
 from dcf_zenoh.requests import Publish, Wait
@@ -66,7 +66,8 @@ def simulate(
         parts = [blueprint.build(agent, stream, {"run": name}) for agent, stream in streams.items()]
         for part in parts:
             stack.callback(part.plant.close)
-            part.plant.prepare()
+            with blaming(PlantError, f"agent {part.id}: prepare"):
+                part.plant.prepare()
         run_agents(parts, blueprint.graph, choose)
     if out is not None:
         return Run.read(out)

@@ -154,7 +154,9 @@ class Agent(Table):
     start: Vector | None = Field(default=None, description="position before the first step, m")
     target: Vector | None = Field(default=None, description="short for problem.target, m")
     plant: str | None = Field(default=None, description="name of its plant; none: the fleet's")
-    endpoint: str | None = Field(default=None, description="where it listens, such as 'tcp/192.168.1.11:7447'")
+    endpoint: Annotated[str, Field(pattern=r"^[a-z0-9-]+/[^ ]+$")] | None = Field(
+        default=None, description="where it listens, such as 'tcp/192.168.1.11:7447'"
+    )
     problem: dict[str, Any] = Field(default_factory=dict, description="keys of [problem] that differ for this agent")
     plants: dict[str, dict[str, Any]] = Field(default_factory=dict, description="keys of [plants.NAME] that differ")
 

@@ -43,6 +43,8 @@ class PointMass(Plant):
         """Hold the setpoint's acceleration from `now` on; without one, brake to rest at full deceleration."""
         self._advance(now)
         acceleration = setpoint.acceleration
+        if acceleration is not None and acceleration.shape != self._position.shape:
+            raise ValueError(f"a setpoint of {len(acceleration)} components for a body of {len(self._position)}")
         self._input = None if acceleration is None else acceleration.clip(-self._accel_max, self._accel_max)
 
     def _advance(self, now: int) -> None:

@@ -59,6 +59,52 @@ def test_a_recorded_run_equals_one_that_is_kept_in_memory(tmp_path: Path) -> Non
     assert Run.read(tmp_path / "run").digest == memory.digest
 
 
+ODD = """
+from dcf_zenoh import PerNeighbour
+def edges(problem, me):
+    x = problem.value
+    while True:
+        inbox = yield PerNeighbour({j: {"x": x + j, "n": me.id} for j in me.neighbourhood.sends_to}), 1.0
+        x = x + 0.1 * sum(inbox[j]["x"] for j in inbox)
+        if inbox.stop:
+            return me.result(x)
+def early(game, me, *, who=(3,), after=4):
+    u = game.start(me.last)
+    for number in range(10**6):
+        inbox = yield {"u": u}, 1.0 / (1 + number)
+        u = game.project(0.9 * u + 0.01 * me.mix(inbox, "u") - 0.05 * game.gradient(u, game.contribution(u)))
+        if inbox.stop or (me.id in who and number >= after):
+            return me.result(u)
+"""
+OVERRUN = ["exchange.compute_time=0.05", "exchange.round_timeout=0.01", "time.duration=8.0", "time.arrived.within=0.2"]
+
+
+@pytest.mark.parametrize(
+    ("fleet", "algorithm", "changes"),
+    [
+        ("average", "edges", ["exchange.max_rounds=20"]),
+        ("average", "edges", ["exchange.max_rounds=20", "topology.kind=edges", "topology.directed=true",
+                              "topology.links=[[1,2],[2,3],[3,4],[4,5],[5,1],[1,4]]"]),
+        ("position_swap", "early", [*OVERRUN, "topology.kind=star"]),
+        ("position_swap", "early", [*OVERRUN, "topology.kind=path", "exchange.missing=absent", "exchange.margin=3"]),
+        ("position_swap", "early", ["exchange.compute_time=0.15", "topology.kind=path", "exchange.late=hold"]),
+    ],
+)  # fmt: skip
+def test_overruns_time_outs_early_leavers_and_edge_payloads_are_reproduced(
+    fleet: str, algorithm: str, changes: list[str], tmp_path: Path
+) -> None:
+    (tmp_path / "odd.py").write_text(ODD)
+    kind = f"{tmp_path}/odd.py:{algorithm}"
+    runs = [dcf_zenoh.simulate(fleet, algorithm=kind, changes=changes)]
+    for seed in range(4):
+        order = random.Random(seed).randrange
+        runs.append(dcf_zenoh.simulate(fleet, algorithm=kind, changes=changes, choose=order))
+    options = [word for change in changes for word in ("--set", change)]
+    launched = launch(fleet, tmp_path / "run", "--algorithm", kind, *options)
+    assert {run.digest for run in runs} == {launched["digest"]}
+    assert {json.dumps(run.summary()["messages"]) for run in runs} == {json.dumps(launched["messages"])}
+
+
 @pytest.mark.parametrize("topology", ["complete", "ring", "star", "path"])
 def test_daemons_do_what_the_simulator_does(topology: str, tmp_path: Path) -> None:
     changes = ["time.duration=6.0"]
@@ -71,7 +117,7 @@ def test_daemons_do_what_the_simulator_does(topology: str, tmp_path: Path) -> No
 @pytest.mark.parametrize("fleet", ["position_swap_six", "position_swap_ten"])
 def test_larger_fleets_do_what_the_simulator_does(fleet: str, tmp_path: Path) -> None:
     simulated = dcf_zenoh.simulate(fleet, changes=[TEN_STEPS])
-    for attempt in range(2):
+    for attempt in range(3):
         assert launch(fleet, tmp_path / f"run{attempt}", "--set", TEN_STEPS)["digest"] == simulated.digest
 
 
@@ -94,8 +140,9 @@ def test_a_full_swap_over_zenoh_is_the_simulated_one_and_arrives(tmp_path: Path)
 
 
 @pytest.mark.parametrize("fleet", ["position_swap_six", "position_swap_ten"])
-def test_larger_fleets_arrive_without_collision(fleet: str) -> None:
+def test_larger_fleets_arrive_without_collision(fleet: str, tmp_path: Path) -> None:
     summary = dcf_zenoh.simulate(fleet).summary()
+    assert launch(fleet, tmp_path / "run")["digest"] == summary["digest"]
     assert summary["arrived"]
     assert summary["min_barrier"] >= 0.0
 

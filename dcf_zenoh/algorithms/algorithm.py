@@ -155,6 +155,8 @@ class Me:
                     total += term  # terms are fresh, so this changes nobody's array
         except KeyError:
             raise AlgorithmError(f"a payload has no entry {name!r} to mix") from None
+        except ValueError as error:
+            raise AlgorithmError(f"the entries {name!r} differ in shape: {error}") from error
         return total
 
     def note(self, **values: Any) -> None:

@@ -11,6 +11,8 @@ from dcf_zenoh.errors import PluginError, TopologyError
 from dcf_zenoh.plugins import Schema, accepted, check_known, check_signature, is_built_in, load, peek, split
 from dcf_zenoh.spec import FleetSpec, Kind
 
+LONGEST = 1e8  # s; some three years
+
 
 def check(spec: FleetSpec, folder: Path, problems: Problems, notes: list[str], *, run_plugins: bool) -> None:
     """Add to `problems` and `notes` whatever is to be said about `spec`.
@@ -79,6 +81,20 @@ def _check_starts(spec: FleetSpec, problems: Problems) -> None:
 
 def _check_time(spec: FleetSpec, problems: Problems, notes: list[str]) -> None:
     rounds, sample_time = spec.exchange, spec.time.sample_time
+    for key, value in {
+        "time.sample_time": sample_time,
+        "time.duration": spec.time.duration,
+        "exchange.budget": rounds.budget,
+        "exchange.round_timeout": rounds.round_timeout,
+        "exchange.compute_time": rounds.compute_time,
+        "safety.neighbour_silent.after": spec.safety.neighbour_silent.after,
+        "zenoh.ready_timeout": spec.zenoh.ready_timeout,
+        "zenoh.silence_timeout": spec.zenoh.silence_timeout,
+    }.items():
+        if value is not None and value > LONGEST:
+            problems.add(key, f"expected at most {LONGEST:g} s, not {value:g}")
+    if spec.seed >= 2**63:
+        problems.add("seed", f"expected less than 2^63, not {spec.seed}")
     budget = rounds.step_budget(sample_time)
     if budget > sample_time:
         problems.add("exchange.budget", f"expected at most time.sample_time = {sample_time:g} s, not {budget:g} s")

@@ -148,7 +148,7 @@ class Draft:
             return
         for key in list(agents):
             _, plain = _with_plain_id(("agents", key))
-            if not plain.isdecimal():
+            if not (plain.isascii() and plain.isdecimal()):
                 self.problems.add(f"agents.{key}", f"the id of an agent is a whole number >= 0, not {key!r}")
                 del agents[key]
             elif plain != key:

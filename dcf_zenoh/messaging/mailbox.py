@@ -32,12 +32,12 @@ class _Sender:
     def append(self, delivery: Delivery) -> None:
         message = delivery.message
         self.next = message.sequence + 1
+        self.ready.append(delivery)
         if message.last >= Last.DONE:
             self.farewell = message.last
             self.known = (NEVER, 0)
-            return
-        self.ready.append(delivery)
-        self.known = (message.step, NEVER if message.last else message.round)
+        else:
+            self.known = (message.step, NEVER if message.last else message.round)
 
 
 class Mailbox:
@@ -117,5 +117,8 @@ class Mailbox:
         return taken
 
     def departed(self, sender: int) -> Last:
-        """The goodbye of `sender`, as soon as it has arrived; `Last.NO` before."""
+        """The goodbye of `sender`, as soon as it has arrived; `Last.NO` before.
+
+        That is a matter of real time: what the model may know of it, it learns from `take`.
+        """
         return self._senders[sender].farewell

@@ -17,6 +17,7 @@ from dcf_zenoh.errors import MessageError
 
 VERSION = 1
 BYTES_MAX = 4 * 1024 * 1024
+PAYLOAD_MAX = BYTES_MAX - 64 * 1024  # room for the header and the names
 NAME_MAX = 128
 DIMENSIONS_MAX = 8
 DTYPES = {
@@ -91,6 +92,7 @@ def canonical(payload: Payload) -> dict[str, Value]:
     if type(payload) is not dict and not isinstance(payload, Mapping):
         raise MessageError(f"a payload is a mapping of names to arrays or numbers, not {type(payload).__name__}")
     copy: dict[str, Value] = {}
+    size = 0
     for name, value in payload.items():
         if not isinstance(name, str) or not 0 < len(name) <= NAME_MAX:
             raise MessageError(f"payload name {name!r}: expected a string of 1 to {NAME_MAX} characters")
@@ -105,6 +107,7 @@ def canonical(payload: Payload) -> dict[str, Value]:
             array = np.array(value, dtype=dtype, order="C")
             array.setflags(write=False)
             copy[name] = array
+            size += array.nbytes
         elif isinstance(value, np.generic):
             copy.update(canonical({name: value.item()}))
         elif isinstance(value, float):
@@ -115,6 +118,8 @@ def canonical(payload: Payload) -> dict[str, Value]:
             raise MessageError(
                 f"payload {name!r}: expected an array or a number, not {type(value).__name__} {value!r:.40}"
             )
+    if size > PAYLOAD_MAX:
+        raise MessageError(f"a payload of {size} bytes is too large; at most {PAYLOAD_MAX} can be sent")
     return copy
 
 

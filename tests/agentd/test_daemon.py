@@ -19,8 +19,21 @@ def test_what_a_plug_in_prints_disturbs_neither_the_launcher_nor_the_json(tmp_pa
     for command in (["launch", "--clock", "virtual"], ["simulate"]):
         out = tmp_path / command[0]
         done = subprocess.run(
-            [sys.executable, "-m", "agentd", command[0], "average", *command[1:], "--json", "--no-report"]
-            + ["--algorithm", f"{tmp_path}/loud.py:loud", "--set", "exchange.max_rounds=50", "--out", str(out)],
+            [
+                sys.executable,
+                "-m",
+                "agentd",
+                *command,
+                "average",
+                "--json",
+                "--no-report",
+                "--out",
+                str(out),
+                "--algorithm",
+                f"{tmp_path}/loud.py:loud",
+                "--set",
+                "exchange.max_rounds=50",
+            ],
             capture_output=True,
             text=True,
             timeout=60,

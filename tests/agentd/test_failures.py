@@ -59,6 +59,7 @@ def fragile(problem, me, *, fails: str = ""):
     decision = np.zeros(2) * (math.nan if breaks == "decision" else 1.0)
     for round in range(1, 5):
         if breaks == "raise" and round == 3:
+            print("about to divide")
             1 / 0
         if breaks == "mix" and round == 3:
             me.mix(inbox, "y")
@@ -249,7 +250,7 @@ def test_an_algorithm_that_raises_is_named_with_step_round_and_line(fragile: Pat
         )
         assert len(lines) == 3  # each of the two agents, and the cause at last
         own = (launch.folder / "agent-2.err").read_text()
-        assert own.startswith("Traceback (most recent call last):\n")
+        assert own.startswith("about to divide\nTraceback (most recent call last):\n")
         assert "    1 / 0\n" in own
         assert own.endswith(f"\nagentd: {said}\n")
         other = (launch.folder / "agent-1.err").read_text()

@@ -112,6 +112,9 @@ def test_an_agent_alone_flies_to_its_target(tmp_path: Path) -> None:
     assert run.arrival_time is not None
     np.testing.assert_allclose(run.agents[7].path[-1], [1.0, 0.5], atol=0.05)
     assert run.summary()["min_distance"] is None
+    assert run.summary()["ended_by"] == {"agreed": run.steps}  # it iterates, and waits for nobody
+    assert run.agents[7].rounds[0] > 10
+    assert (run.agents[7].negotiation == 0).all()
 
 
 def test_a_simulation_in_which_nobody_can_go_on_says_who_waits_for_whom() -> None:

@@ -61,11 +61,12 @@ def test_the_last_message_of_a_step_answers_for_all_later_rounds_of_it() -> None
     assert not mailbox.knows(2, 6, 0)
 
 
-def test_a_goodbye_answers_for_everything_but_is_not_released_as_a_message() -> None:
+def test_a_goodbye_answers_for_everything_and_is_released_in_its_turn() -> None:
     mailbox = Mailbox([2])
     mailbox.put(message(0, 5, 0), 0)
     assert mailbox.departed(2) is Last.NO
     mailbox.put(message(1, 6, 0, Last.ARRIVED), 0)
     assert mailbox.departed(2) is Last.ARRIVED
     assert mailbox.knows(2, 1000, 1000)
-    assert len(mailbox.take(2, 1000, 1000)) == 1
+    assert len(mailbox.take(2, 5, 9)) == 1
+    assert [d.message.last for d in mailbox.take(2, 6, 0)] == [Last.ARRIVED]

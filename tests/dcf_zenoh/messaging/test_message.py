@@ -105,8 +105,11 @@ def test_each_malformation_is_named(data: bytes, text: str) -> None:
 def test_oversized_messages_are_refused_both_ways() -> None:
     with pytest.raises(MessageError, match="at most 4194304 are accepted"):
         decode(b"\x00" * (wire.BYTES_MAX + 1))
+    with pytest.raises(MessageError, match="a payload of 5600000 bytes is too large; at most 4128768 can be sent"):
+        canonical({"x": np.zeros(350_000), "y": np.zeros(350_000)})
+    crowd = {f"{number:0100}": 0 for number in range(50_000)}  # the names alone
     with pytest.raises(MessageError, match="too large; at most 4194304 can be sent"):
-        encode(PLAIN._replace(payload=canonical({"x": np.zeros(wire.BYTES_MAX)})))
+        encode(PLAIN._replace(payload=crowd))
 
 
 @given(payloads)
