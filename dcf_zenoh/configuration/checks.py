@@ -65,12 +65,19 @@ def _check_plant_names(spec: FleetSpec, problems: Problems) -> None:
 
 def _check_starts(spec: FleetSpec, problems: Problems) -> None:
     first: tuple[int, int] | None = None
+    places: dict[tuple[float, ...], int] = {}
     for agent, own in spec.agents.items():
         plant = own.plant or spec.plant
         if own.start is None:
             if plant is not None:
                 problems.add(f"agents.{agent}.start", f"missing; plant {plant!r} starts at a position, in m")
             continue
+        if not own.start:
+            problems.add(f"agents.{agent}.start", "expected at least one component, in m, not []")
+            continue
+        if plant is not None and own.start in places:
+            problems.add(f"agents.{agent}.start", f"the same place as agents.{places[own.start]}.start")
+        places.setdefault(own.start, agent)
         first = first or (agent, len(own.start))
         if len(own.start) != first[1]:
             problems.add(

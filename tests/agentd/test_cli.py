@@ -172,14 +172,17 @@ def test_an_id_that_is_not_in_the_fleet(trio: Path, agentd: Callable[..., Answer
 
 
 def test_a_plug_in_that_refuses_its_options(trio: Path, agentd: Callable[..., Answer]) -> None:
-    said = "agents.1: plant: PointMass refused its options: accel_max must be positive, in m/s², not -1.0"
+    said = "plant: PointMass refused its options: accel_max must be positive, in m/s², not -1.0"
     wrong = ["--set", "plants.point.accel_max=-1.0"]
-    assert agentd("simulate", trio, *QUICK, *wrong, "--out", trio.parent / "a") == (2, "", f"agentd: {said}\n")
+    assert agentd("simulate", trio, *QUICK, *wrong, "--out", trio.parent / "a") == (
+        2, "", f"agentd: agents.1: {said}\n",
+    )  # fmt: skip
     answer = agentd("launch", trio, *QUICK, *wrong, "--out", trio.parent / "b")
     assert answer.code == 1
     assert answer.out == ""
     assert re.search(
-        r"agentd: agent 1 ended with exit code 2 \d+\.\d s after the launch, before its first step: " + re.escape(said),
+        r"agentd: agent (\d) ended with exit code 2 \d+\.\d s after the launch, before its first step: agents\.\1: "
+        + re.escape(said),
         answer.err,
     )
     assert "Traceback" not in answer.err

@@ -2,6 +2,8 @@ from pathlib import Path
 
 import pytest
 
+from dcf_zenoh.config import load
+from dcf_zenoh.errors import ConfigurationError
 from tests.fleet_files import problems
 
 
@@ -37,3 +39,13 @@ from tests.fleet_files import problems
 def test_value_of_another_type_or_out_of_bounds_is_refused(file: Path, change: str, problem: str) -> None:
     found = problems(file, change)
     assert any(text.startswith(problem) for text in found), found
+
+
+def test_two_bodies_cannot_start_at_the_same_place() -> None:
+    with pytest.raises(ConfigurationError, match=r"agents\.3\.start: the same place as agents\.2\.start"):
+        load("position_swap", changes=["agents.2.start=[1.0, 0.0]"])
+
+
+def test_times_beyond_all_reason_are_refused() -> None:
+    with pytest.raises(ConfigurationError, match=r"exchange\.compute_time: expected at most 1e\+08 s, not 1e\+300"):
+        load("position_swap", changes=["exchange.compute_time=1e300"])
