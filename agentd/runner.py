@@ -97,17 +97,13 @@ def run_wall(parts: AgentParts, network: Network) -> Last:
     def hear(request: Wait) -> None:
         """Wait for messages, at most until the request's time; nobody waits for the dead."""
         deadline = clock.deadline(request.until)
-        while lacking := mailbox.lacks(request.senders, request.step, request.round):
-            awaited = [j for j in lacking if j not in mailbox.lost] if mailbox.lost else lacking
-            if not awaited:
-                break
-            if not feed.wait(awaited[0], deadline) and time.monotonic() >= deadline:
-                break
-        else:
-            return
         for j in request.senders:
-            feed.drain(j)
-        mailbox.skip_gaps()
+            while not mailbox.knows(j, request.step, request.round) and j not in mailbox.lost:
+                if not feed.wait(j, deadline) and time.monotonic() >= deadline:
+                    for each in request.senders:
+                        feed.drain(each)
+                    mailbox.skip_gaps()
+                    return
 
     def sleep(until: int) -> None:
         while clock.now() < until:
