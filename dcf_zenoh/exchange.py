@@ -121,7 +121,7 @@ class Exchange:
         """
         settings, hood = self._settings, self._neighbourhood(step)
         agreement = Agreement(
-            hood.diameter, len(hood.receives_from), settings.threshold, settings.margin, settled=settled
+            hood.diameter, len(hood.receives_from), settings.threshold, settings.margin or 0, settled=settled
         )
         reception, senders = self._reception, hood.receives_from
         reception.begin(step, senders)

@@ -79,7 +79,15 @@ class Time(Table):
 class Rounds(Table):
     """The rounds of a control step: how many, how long, when they end, what stands in for what is missing."""
 
-    mode: Literal["synchronous"] = "synchronous"
+    mode: Literal["synchronous", "asynchronous"] = Field(
+        default="synchronous", description="rounds in step with the neighbours, or activations at instants of one's own"
+    )
+    period: PositiveFloat | None = Field(
+        default=None, description="asynchronous: s between an agent's activations; none: budget / max_rounds"
+    )
+    jitter: NonNegativeFloat = Field(
+        default=0.0, description="asynchronous: s by which the time between two activations varies, either way"
+    )
     budget: PositiveFloat | None = Field(
         default=None, description="s of each step for rounds; none: 3/4 of sample_time"
     )
@@ -101,7 +109,14 @@ class Rounds(Table):
     compute_time: NonNegativeFloat = Field(
         default=0.0, description="s that a round's computation takes; virtual clock only"
     )
-    margin: Annotated[int, Field(ge=0)] = Field(default=0, description="rounds between announcing the end and leaving")
+    margin: Annotated[int, Field(ge=0)] | None = Field(
+        default=None,
+        description="rounds between announcing the end and leaving; none: 3 if messages can be lost, else 0",
+    )
+    silent_after: Annotated[int, Field(ge=1)] = Field(
+        default=20,
+        description="rounds without a neighbour's message after which it is not waited for until heard again",
+    )
 
     def step_budget(self, sample_time: float) -> float:
         """Seconds of each control step that rounds may take."""
@@ -112,8 +127,9 @@ class Silence(Table):
     """What happens when a neighbour is lost."""
 
     after: PositiveFloat = Field(default=0.6, description="s without a message that make a neighbour lost")
-    then: Literal["stop", "hold"] = Field(
-        default="stop", description="end the run, or come to rest and stay until its end"
+    then: Literal["stop", "hold", "continue"] = Field(
+        default="stop",
+        description="end the run; come to rest and stay until its end; or go on without the neighbour",
     )
 
 
@@ -148,6 +164,87 @@ class Network(Table):
     )
 
 
+class FaultTable(Kind):
+    """One fault: `kind` and its keys. In a fleet file a bare `value` stands for the kind's first key."""
+
+    value: Any = Field(default=None, description="short for the first key of the kind")
+
+
+Switch = FaultTable | Literal[False]
+Ids = AgentId | tuple[AgentId, ...]
+
+
+class FaultRule(Table):
+    """Faults of some links, or at some time; all other keys are faults by name, `false` for none."""
+
+    model_config = ConfigDict(frozen=True, extra="allow", allow_inf_nan=False, populate_by_name=True)
+    __pydantic_extra__: dict[str, Switch]
+
+    from_: Ids | None = Field(default=None, alias="from", description="sending agents; none: all")
+    to: Ids | None = Field(default=None, description="receiving agents; none: all")
+    during: tuple[NonNegativeFloat, NonNegativeFloat] | None = Field(
+        default=None, description="begin and end of the instants at which messages enter the link, s; none: always"
+    )
+
+    @property
+    def faults(self) -> dict[str, Switch]:
+        """Name -> fault."""
+        return dict(self.model_extra or {})
+
+
+class Faults(Table):
+    """Faults of all links, by name, then rules; later rules win, name by name."""
+
+    model_config = ConfigDict(frozen=True, extra="allow", allow_inf_nan=False, populate_by_name=True)
+    __pydantic_extra__: dict[str, Switch]
+
+    rule: tuple[FaultRule, ...] = Field(default=(), description="faults of some links, or at some time")
+
+    @property
+    def everywhere(self) -> dict[str, Switch]:
+        """Name -> fault of all links."""
+        return dict(self.model_extra or {})
+
+    @property
+    def rules(self) -> tuple[FaultRule, ...]:
+        """All rules, beginning with the one for all links and times."""
+        return (FaultRule.model_validate(self.everywhere), *self.rule)
+
+
+class Crash(Table):
+    """An agent dies, and may come back."""
+
+    at: NonNegativeFloat = Field(description="s")
+    restart_after: PositiveFloat | None = Field(default=None, description="s; none: it stays dead")
+
+
+class Slow(Table):
+    """An agent computes slowly."""
+
+    factor: Annotated[float, Field(ge=1)] = Field(description="by which its computation takes longer")
+    during: tuple[NonNegativeFloat, NonNegativeFloat] | None = Field(default=None, description="s; none: always")
+
+
+class AgentFaults(Table):
+    """What goes wrong with one agent."""
+
+    crash: Crash | None = None
+    pause: tuple[NonNegativeFloat, NonNegativeFloat] | None = Field(
+        default=None, description="begin and end of a time in which the agent does nothing, s"
+    )
+    slow: Slow | None = None
+
+    def __bool__(self) -> bool:
+        return any(each is not None for each in (self.crash, self.pause, self.slow))
+
+
+class Activation(Table):
+    """Asynchronous mode: an agent's own rhythm."""
+
+    period: PositiveFloat | None = Field(default=None, description="s; none: the fleet's")
+    jitter: NonNegativeFloat | None = Field(default=None, description="s; none: the fleet's")
+
+
 class Agent(Table):
     """One agent and how it differs from the others."""
 
@@ -159,6 +256,8 @@ class Agent(Table):
     )
     problem: dict[str, Any] = Field(default_factory=dict, description="keys of [problem] that differ for this agent")
     plants: dict[str, dict[str, Any]] = Field(default_factory=dict, description="keys of [plants.NAME] that differ")
+    exchange: Activation = Field(default_factory=Activation, description="its rhythm in asynchronous mode")
+    faults: AgentFaults = Field(default_factory=AgentFaults, description="crash, pause, slow")
 
 
 @dataclass(frozen=True)
@@ -193,6 +292,7 @@ class FleetSpec(Table):
     controller: Kind | None = Field(default=None, description="none: receding_horizon with plants, solve_once without")
     plants: dict[str, Kind] = Field(default_factory=dict, description="plants by name")
     agents: Annotated[dict[AgentId, Agent], Field(min_length=1)]
+    faults: Faults = Field(default=Faults(), description="what the network does to messages")
     safety: Safety = Field(default_factory=Safety)
     log: Log = Field(default_factory=Log)
     zenoh: Network = Field(default_factory=Network)

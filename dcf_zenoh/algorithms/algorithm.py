@@ -6,7 +6,7 @@ algorithm is a generator function ``(problem, me, *, options)``; its keyword-onl
 table in a fleet file.
 """
 
-from collections.abc import Callable, Generator, Iterator, Mapping
+from collections.abc import Callable, Collection, Generator, Iterator, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any, NamedTuple, TypeAlias, TypeVar
@@ -43,7 +43,7 @@ class Inbox(Mapping[int, Payload]):
         missing: Neighbours with no payload.
     """
 
-    __slots__ = ("_ages", "missing", "own", "payloads", "stop")
+    __slots__ = ("_ages", "_news", "missing", "own", "payloads", "stop")
 
     def __init__(
         self,
@@ -52,6 +52,7 @@ class Inbox(Mapping[int, Payload]):
         *,
         stop: bool,
         ages: Mapping[int, int] | None = None,
+        news: Collection[int] | None = None,
         missing: tuple[int, ...] = (),
     ) -> None:
         self.own = own
@@ -59,6 +60,7 @@ class Inbox(Mapping[int, Payload]):
         self.missing = missing
         self.payloads = payloads
         self._ages = ages or {}
+        self._news = news
 
     def __getitem__(self, neighbour: int) -> Payload:
         return self.payloads[neighbour]
@@ -82,6 +84,10 @@ class Inbox(Mapping[int, Payload]):
     def fresh(self, neighbour: int) -> bool:
         """Whether `neighbour` was heard in this very round."""
         return neighbour in self.payloads and not self._ages.get(neighbour, 0)
+
+    def new(self, neighbour: int) -> bool:
+        """Whether the payload of `neighbour` was not in an earlier inbox; a late one is new once, too."""
+        return self.fresh(neighbour) if self._news is None else neighbour in self._news
 
 
 class Result(NamedTuple):

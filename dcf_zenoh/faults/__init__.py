@@ -1,0 +1,1 @@
+"""Communication faults: what a network does to messages, as data, on each directed link."""

@@ -1,0 +1,106 @@
+"""The faults of one directed link, in a chain."""
+
+import zlib
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from math import inf
+from typing import NamedTuple
+
+import numpy as np
+
+from dcf_zenoh.faults.fault import Fault
+from dcf_zenoh.messaging.delivery import Delivery
+
+ALWAYS = (-inf, inf)
+
+
+class Passage(NamedTuple):
+    """What became of one message.
+
+    Attributes:
+        deliveries: What comes out at the receiver's end.
+        lost_by: Name of the fault that lost it; empty if anything comes out.
+    """
+
+    deliveries: list[Delivery]
+    lost_by: str
+
+
+@dataclass
+class Layer:
+    """All that is known of one name in the chain of a link: which fault acts when. Later entries win.
+
+    Attributes:
+        name: In the fleet file.
+        entries: Window [begin, end) of the instant of entering, in ns, and the fault; None: none acts.
+    """
+
+    name: str
+    entries: list[tuple[tuple[float, float], Fault | None]] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.place = zlib.crc32(self.name.encode())  # random numbers do not change when another fault is added
+
+    def acting(self, instant: int) -> Fault | None:
+        """The fault for a message that enters at `instant`."""
+        for (begin, end), fault in reversed(self.entries):
+            if begin <= instant < end:
+                return fault
+        return None
+
+
+class Link:
+    """The chain of faults of one directed link.
+
+    Args:
+        seed: Of the fleet.
+        sender: Id.
+        receiver: Id.
+        layers: In any order.
+    """
+
+    def __init__(self, seed: int, sender: int, receiver: int, layers: Iterable[Layer] = ()) -> None:
+        key = np.random.SeedSequence([seed, sender, receiver]).generate_state(2, np.uint64)
+        self._philox = np.random.Philox(key=key)
+        self._rng = np.random.Generator(self._philox)
+        self._state = self._philox.state
+        self._layers = {layer.name: layer for layer in layers}
+        self._order()
+
+    def add(self, name: str, window: tuple[float, float], fault: Fault | None) -> None:
+        """Let `fault` act on what enters within `window`, in ns, whatever was said before of this name."""
+        self._layers.setdefault(name, Layer(name)).entries.append((window, fault))
+        self._order()
+
+    def convey(self, delivery: Delivery) -> Passage:
+        """Lead one message through the chain. Messages come in the order in which they were sent."""
+        message = delivery.message
+        deliveries = [delivery]
+        for layer in self._chain:
+            fault = layer.acting(delivery.entered)
+            if fault is None:
+                continue
+            self._seek(message.sequence, layer.place, message.incarnation)
+            if len(deliveries) == 1:
+                deliveries = list(fault.apply(deliveries[0], self._rng))
+                if not deliveries:
+                    return Passage(deliveries, layer.name)
+            else:
+                deliveries = [after for each in deliveries for after in fault.apply(each, self._rng)]
+        return Passage(deliveries, "")
+
+    def _order(self) -> None:
+        """Sort the chain by the stages of its faults."""
+
+        def stage(layer: Layer) -> tuple[int, str]:
+            return min((fault.STAGE for _, fault in layer.entries if fault is not None), default=0), layer.name
+
+        self._chain = sorted(self._layers.values(), key=stage)
+
+    def _seek(self, sequence: int, place: int, incarnation: int) -> None:
+        """Set the random numbers to those of one message and one place in the chain."""
+        state = self._state
+        counter = state["state"]["counter"]
+        counter[0], counter[1], counter[2], counter[3] = 0, sequence, place, incarnation
+        state["buffer_pos"] = 4
+        self._philox.state = state
