@@ -7,7 +7,7 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -86,17 +86,23 @@ def run_agent(fleet: LoadedFleet, task: Assignment) -> Last:
         }
         status = Status(task.agent, task.status) if task.status else None
         parts = blueprint.build(task.agent, stream, about, status.observe if status else lambda _record: None)
-        return _run(fleet, parts, network, hood.receives_from)
+        return _run(fleet, parts, network, hood.receives_from, offsets)
 
 
-def _run(fleet: LoadedFleet, parts: AgentParts, network: Network, senders: tuple[int, ...]) -> Last:
+def _run(
+    fleet: LoadedFleet,
+    parts: AgentParts,
+    network: Network,
+    senders: tuple[int, ...],
+    offsets: Mapping[int, ClockOffset],
+) -> Last:
     last = Last.FAILED
     try:
         with blaming(PlantError, f"agent {parts.id}: prepare"):
             parts.plant.prepare()
         spare_collector()
         if fleet.spec.time.clock == "wall":
-            last = run_wall(parts, network)
+            last = run_wall(parts, network, offsets)
         else:
             last = run_virtual(parts, network, fleet.spec.zenoh.silence_timeout)
         await_goodbyes(parts, network, senders, GOODBYE_TIMEOUT)

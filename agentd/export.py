@@ -9,9 +9,10 @@ from typing import Any, BinaryIO
 import numpy as np
 import numpy.typing as npt
 
+from dcf_zenoh.agent_log import AgentLog
 from dcf_zenoh.configuration.wording import listed, nearest
 from dcf_zenoh.errors import ConfigurationError, RecordingError
-from dcf_zenoh.run import AgentLog, Run
+from dcf_zenoh.run import Run
 
 _AXES = "xyz"
 

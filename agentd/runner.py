@@ -3,15 +3,16 @@
 import gc
 import logging
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 from dcf_zenoh.assembly import AgentParts
 from dcf_zenoh.clock import VirtualClock, WallClock
 from dcf_zenoh.errors import DcfError, NeighbourLost, Silence
+from dcf_zenoh.messaging.hello import ClockOffset
 from dcf_zenoh.messaging.mailbox import Mailbox
 from dcf_zenoh.messaging.message import Last, Message
 from dcf_zenoh.messaging.network import Lost, Network, Refused, Stop
-from dcf_zenoh.requests import Publish, Wait
+from dcf_zenoh.requests import Activate, Publish, Start, Wait
 
 log = logging.getLogger(__name__)
 REFUSALS_LOGGED = 5
@@ -28,13 +29,13 @@ class Feed:
     Args:
         network: Where it comes from.
         mailbox: Where it goes.
-        due: Fleet time, in ns, at which a message that is read now counts as there.
+        stamp: When a message that is read now entered the link, and when it was there; fleet time in ns.
     """
 
-    def __init__(self, network: Network, mailbox: Mailbox, due: Callable[[Message], int]) -> None:
+    def __init__(self, network: Network, mailbox: Mailbox, stamp: Callable[[Message], tuple[int, int]]) -> None:
         self._network = network
         self._mailbox = mailbox
-        self._due = due
+        self._stamp = stamp
 
     def wait(self, sender: int, deadline: float) -> bool:
         """Take in the next message of `sender`, or events; whether there was any before `deadline`, monotonic s.
@@ -76,7 +77,7 @@ class Feed:
             if self._mailbox.refused <= REFUSALS_LOGGED:
                 log.warning("refused a message on %s: %s", found.key, found.reason)
         else:
-            self._mailbox.put(found, self._due(found))
+            self._mailbox.put(found, *self._stamp(found))
 
 
 def spare_collector() -> None:
@@ -85,14 +86,46 @@ def spare_collector() -> None:
     gc.freeze()
 
 
-def run_wall(parts: AgentParts, network: Network) -> Last:
+class Stamps:
+    """When messages entered their links, on the wall clock.
+
+    A message is read when the loop has time for it, which says little about when it came. So it enters its link when it
+    was sent, by the sender's clock, corrected where that is measurably off; injected latency counts from there, and
+    the real one is part of it.
+
+    Args:
+        now: Fleet time, ns.
+        offsets: Neighbour -> by how much its clock is ahead.
+    """
+
+    def __init__(self, now: Callable[[], int], offsets: Mapping[int, ClockOffset]) -> None:
+        self._now = now
+        self._ahead = {j: offset.ahead if abs(offset.ahead) > offset.error else 0 for j, offset in offsets.items()}
+        self._last: dict[int, int] = {}
+
+    def __call__(self, message: Message) -> tuple[int, int]:
+        """When `message`, read now, entered, and now. Messages of one sender enter in the order of sending."""
+        now, sender = self._now(), message.sender
+        if message.step < 0:  # before the common start
+            return now, now
+        sent = message.sent - self._ahead.get(sender, 0)
+        entered = self._last[sender] = min(now, max(sent, self._last.get(sender, 0)))
+        return entered, now
+
+
+def run_wall(parts: AgentParts, network: Network, offsets: Mapping[int, ClockOffset]) -> Last:
     """Run a loop in real time.
+
+    Args:
+        parts: The agent.
+        network: Its session.
+        offsets: Neighbour -> by how much its clock is ahead.
 
     Raises:
         DcfError: Whatever stops the loop.
     """
     clock, mailbox = WallClock(), parts.mailbox
-    feed = Feed(network, mailbox, lambda _message: clock.now())
+    feed = Feed(network, mailbox, Stamps(clock.now, offsets))
 
     def hear(request: Wait) -> None:
         """Wait for messages, at most until the request's time; nobody waits for the dead."""
@@ -108,6 +141,8 @@ def run_wall(parts: AgentParts, network: Network) -> Last:
     def sleep(until: int) -> None:
         while clock.now() < until:
             feed.events(clock.deadline(until))
+        for j in mailbox.senders:  # whoever sleeps long must not hold the others up
+            feed.drain(j)
 
     reply: int | None = None
     while True:
@@ -119,10 +154,12 @@ def run_wall(parts: AgentParts, network: Network) -> Last:
             reply = clock.now()
             network.publish(request.message, request.receiver, reply)
             continue
-        if isinstance(request, Wait):
-            hear(request) if request.senders else sleep(request.until)
-        else:
+        if isinstance(request, Start):
             clock.start(request.instant)
+        elif isinstance(request, Wait) and request.senders:
+            hear(request)
+        else:
+            sleep(request.until)
         reply = clock.now()
 
 
@@ -139,12 +176,18 @@ def run_virtual(parts: AgentParts, network: Network, silence: float) -> Last:
         Silence: A neighbour said nothing for too long.
     """
     clock, mailbox = VirtualClock(), parts.mailbox
-    feed = Feed(network, mailbox, lambda message: message.sent)
+    feed = Feed(network, mailbox, _as_sent)
 
-    def hear(request: Wait) -> None:
-        where = f"in step {request.step} round {request.round}"
+    def lacks(request: Wait | Activate) -> tuple[int, ...]:
+        if isinstance(request, Activate):
+            return mailbox.unpromised(request.senders, request.until)
+        return mailbox.lacks(request.senders, request.step, request.round)
+
+    def hear(request: Wait | Activate) -> None:
+        at = f"at {request.until * 1e-9:.6f} s"
+        where = at if isinstance(request, Activate) else f"in step {request.step} round {request.round}"
         deadline = time.monotonic() + silence
-        while lacking := mailbox.lacks(request.senders, request.step, request.round):
+        while lacking := lacks(request):
             dead = next((j for j in lacking if j in mailbox.lost), None)
             sender = lacking[0] if dead is None else dead
             if feed.wait(sender, deadline if dead is None else time.monotonic() + GRACE):
@@ -165,22 +208,28 @@ def run_virtual(parts: AgentParts, network: Network, silence: float) -> Last:
             return _done(finished)
         if isinstance(request, Publish):
             network.publish(request.message, request.receiver)
-        elif isinstance(request, Wait):
+        elif isinstance(request, Wait | Activate):
             if request.senders:
                 hear(request)
             else:
                 feed.events(0.0)  # whoever waits for nobody can be stopped too
+            if isinstance(request, Activate) or not request.senders:
                 clock.advance(request.until)
         reply = clock.now()
 
 
 def await_goodbyes(parts: AgentParts, network: Network, senders: Sequence[int], timeout: float) -> None:
     """Keep the session open until the neighbours have ended too, so that nobody loses what is on its way."""
-    feed = Feed(network, parts.mailbox, lambda message: message.sent)
+    feed = Feed(network, parts.mailbox, _as_sent)
     deadline = time.monotonic() + timeout
     for j in senders:
         while not parts.mailbox.departed(j) and j not in parts.mailbox.lost and time.monotonic() < deadline:
             feed.wait(j, deadline)
+
+
+def _as_sent(message: Message) -> tuple[int, int]:
+    """In the model a message is there when it is sent."""
+    return message.sent, message.sent
 
 
 def _done(finished: StopIteration) -> Last:

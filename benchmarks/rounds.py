@@ -107,9 +107,11 @@ def stack(agent: int, ports: list[int], seconds: float) -> None:
     from dcf_zenoh.messaging.message import Last  # noqa: PLC0415
     from dcf_zenoh.messaging.network import Address, Network, endpoints_to_connect  # noqa: PLC0415
     from dcf_zenoh.plant import NoPlant  # noqa: PLC0415
+    from dcf_zenoh.reception import Reception  # noqa: PLC0415
     from dcf_zenoh.recording import Recorder  # noqa: PLC0415
     from dcf_zenoh.requests import Loop, Wait  # noqa: PLC0415
     from dcf_zenoh.spec import Rounds  # noqa: PLC0415
+    from dcf_zenoh.transmission import Transmission  # noqa: PLC0415
 
     agents = range(len(ports))
     graph = Graph.of(agents, [(i, j) for i in agents for j in agents if i != j])
@@ -138,12 +140,15 @@ def stack(agent: int, ports: list[int], seconds: float) -> None:
 
     mailbox = Mailbox(hood.receives_from)
     rounds = Rounds(max_rounds=10**9, threshold=0.0)
-    exchange = Exchange(agent, lambda _step: hood, rounds, mailbox, time.perf_counter_ns)
-    parts = AgentParts(agent, NoPlant(), mailbox, exchange, Recorder(io.BytesIO(), agent, {}), loop())
+    reception = Reception(mailbox, hold=True, watch=True)
+    exchange = Exchange(
+        agent, lambda _step: hood, rounds, mailbox, reception, Transmission(agent), time.perf_counter_ns, virtual=False
+    )
+    parts = AgentParts(agent, NoPlant(), mailbox, {}, exchange, Recorder(io.BytesIO(), agent, {}), loop())
     with Network(agent, hood, address) as network:
         network.meet("bench", TIMEOUT / 2)
         spare_collector()
-        run_wall(parts, network)
+        run_wall(parts, network, {})
         report(found[0])
 
 

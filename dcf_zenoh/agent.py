@@ -11,6 +11,7 @@ from dcf_zenoh.algorithms.algorithm import Dialogue, Me
 from dcf_zenoh.controllers.controller import Controller, Decision
 from dcf_zenoh.errors import AlgorithmError, NeighbourLost, NotReady, NumericalError, PlantError, blaming
 from dcf_zenoh.exchange import Exchange, Outcome
+from dcf_zenoh.fate import Crashed, Fate
 from dcf_zenoh.messaging.message import Last
 from dcf_zenoh.plant import Array, Plant, Setpoint, State
 from dcf_zenoh.recording import Recorder, StepRecord
@@ -20,78 +21,176 @@ from dcf_zenoh.spec import Arrived, FleetSpec, nanoseconds
 START_LEAD = 50_000_000  # ns between the last agent's being ready and the common start
 
 
-def agent(
-    fleet: FleetSpec,
-    me: Me,
-    plant: Plant,
-    controller: Controller,
-    exchange: Exchange,
-    recorder: Recorder,
-    distance_to_go: Callable[[State], float],
-) -> Loop[Last]:
-    """One agent's whole run: agree on the start, control step by step, say goodbye.
+class Agent:
+    """One agent: what it senses, decides and does, step by step.
 
-    Returns:
-        Why it ended: `Last.DONE` or `Last.ARRIVED`.
-
-    Raises:
-        NotReady: The fleet did not agree on a start in time.
-        NeighbourLost: A neighbour was lost, and the fleet file says stop.
-        NumericalError: A plant or a controller produced a value that is not a number.
-        PlantError: The plant raised an exception.
-        AlgorithmError: The algorithm, or the problem or controller around it, raised an exception.
+    Args:
+        fleet: What all agents do.
+        me: This one.
+        plant: Its body.
+        renew: Makes its controller, without any memory of an earlier one.
+        exchange: Its rounds with the neighbours.
+        recorder: Its log.
+        distance_to_go: State -> distance to the target, m.
+        fate: What shall happen to it.
+        last_life: The last state that is known of it, if it was started again while the fleet was running.
     """
-    sample_time = nanoseconds(fleet.time.sample_time)
-    budget = nanoseconds(fleet.exchange.step_budget(fleet.time.sample_time))
-    silent = fleet.safety.neighbour_silent
-    arrival = Arrival(fleet.time.arrived)
-    steps = fleet.steps
-    holding = ""
-    reason = Last.DONE
 
-    now = yield from _start(me, exchange, nanoseconds(fleet.zenoh.ready_timeout))
-    with blaming(PlantError, f"agent {me.id}: start"):
-        plant.start(now)
-    for step in range(steps):
-        due = step * sample_time
-        place = f"agent {me.id}: step {step}"
+    def __init__(
+        self,
+        fleet: FleetSpec,
+        me: Me,
+        plant: Plant,
+        renew: Callable[[], Controller],
+        exchange: Exchange,
+        recorder: Recorder,
+        distance_to_go: Callable[[State], float],
+        fate: Fate,
+        last_life: State | None = None,
+    ) -> None:
+        self._fleet = fleet
+        self._me = me
+        self._plant = plant
+        self._renew = renew
+        self._controller = renew()
+        self._exchange = exchange
+        self._recorder = recorder
+        self._distance_to_go = distance_to_go
+        self._fate = fate
+        self._last_life = last_life
+        self._sample_time = nanoseconds(fleet.time.sample_time)
+        self._budget = nanoseconds(fleet.exchange.step_budget(fleet.time.sample_time))
+        self._arrival = Arrival(fleet.time.arrived)
+        self._lost: dict[int, str] = {}
+        self._holding = ""
+
+    def run(self) -> Loop[Last]:
+        """The whole run: agree on the start, control step by step, say goodbye.
+
+        Returns:
+            Why it ended: `Last.DONE` or `Last.ARRIVED`.
+
+        Raises:
+            NotReady: The fleet did not agree on a start in time.
+            NeighbourLost: A neighbour was lost, and the fleet file says stop.
+            NumericalError: A plant or a controller produced a value that is not a number.
+            PlantError: The plant raised an exception.
+            AlgorithmError: The algorithm, or the problem or controller around it, raised an exception.
+        """
+        step = yield from self._begin()
+        reason: Last | None = None
+        while step < self._fleet.steps and reason is None:
+            try:
+                reason = yield from self._fate.lead(self._step(step))
+                step += 1
+            except Crashed as crash:
+                step = yield from self._lie_dead(crash, step)
+        now = yield Wait(step * self._sample_time)
+        reason = reason or Last.DONE
+        with blaming(PlantError, f"agent {self._me.id}: finish"):
+            state = self._plant.sense(now)
+            self._plant.finish(now, reason.name.lower())
+        self._recorder.end(reason.name.lower(), now, state, self._holding, self._exchange.counts)
+        yield self._exchange.goodbye(step, now, reason)
+        return reason
+
+    def _begin(self) -> Loop[int]:
+        """Start with the fleet, or join it when it is under way already; the first step."""
+        if self._last_life is None:
+            now = yield from _start(self._me, self._exchange, nanoseconds(self._fleet.zenoh.ready_timeout))
+            with blaming(PlantError, f"agent {self._me.id}: start"):
+                self._plant.start(now)
+            return 0
+        now = yield Wait(0)
+        with blaming(PlantError, f"agent {self._me.id}: resume"):
+            self._plant.resume(self._last_life, now)
+        step = now // self._sample_time + 1
+        self._recorder.event("joined", now, step=step)
+        return step
+
+    def _step(self, step: int) -> Loop[Last | None]:
+        """One turn of the loop; the reason to end, if there is one."""
+        due = step * self._sample_time
+        place = f"agent {self._me.id}: step {step}"
         now = yield Wait(due)  # 4 synchronise
         with blaming(PlantError, f"{place}: sense"):
-            state = _finite(plant.sense(now), place)  # 3 sense
+            state = _finite(self._plant.sense(now), place)  # 3 sense
+        if self._holding:
+            yield self._exchange.abstain(step, now, due + self._sample_time)
+            self._hold(step, now, state, self._holding)
+            return None
         sensed = now
-        if holding:
-            yield exchange.abstain(step, now)
-            with blaming(PlantError, f"{place}: act"):
-                plant.act(Setpoint.hold(state), now)
-            recorder.step(StepRecord.abstained(step, sensed, state, Setpoint.hold(state), holding))
-            continue
         with blaming(AlgorithmError, place):
-            settled = arrival.update(now, distance_to_go(state))
-            dialogue = controller.control(state)
-        outcome = yield from exchange.negotiate(  # 1 communicate, 2 compute
-            dialogue, step, now, until=due + budget, settled=settled
+            settled = self._arrival.update(now, self._distance_to_go(state))
+            dialogue = self._controller.control(state, step)
+        outcome = yield from self._exchange.negotiate(  # 1 communicate, 2 compute
+            dialogue,
+            step,
+            now,
+            until=due + self._budget,
+            next_step=due + self._sample_time,
+            settled=settled,
+            here=tuple(state.position.tolist()),
         )
         now = outcome.now
         with blaming(AlgorithmError, f"{place} round {outcome.rounds}"):
-            setpoint, late = _in_time(outcome, controller, state, fleet.exchange.late, late=now > due + sample_time)
+            setpoint, late = self._in_time(outcome, state, late=now > due + self._sample_time)
             _check_sound(setpoint, outcome, place)
         with blaming(PlantError, f"{place}: act"):
-            plant.act(setpoint, now)  # 3 act
-        recorder.step(StepRecord.of(step, sensed, state, setpoint, outcome, late=late))  # 5 log
-        if outcome.all_settled or exchange.departed(Last.ARRIVED):
-            reason = Last.ARRIVED
-            break
-        if lost := exchange.lost_neighbours(step, now, nanoseconds(silent.after)):
-            holding = "; ".join(f"neighbour {j} is lost ({how})" for j, how in lost.items())
-            if silent.then == "stop":
-                raise NeighbourLost(f"{place}: {holding}")
-    now = yield Wait((step + 1) * sample_time)
-    with blaming(PlantError, f"agent {me.id}: finish"):
-        state = plant.sense(now)
-        plant.finish(now, reason.name.lower())
-    recorder.end(reason.name.lower(), now, state, holding, exchange.counts)
-    yield exchange.goodbye(step + 1, now, reason)
-    return reason
+            self._plant.act(setpoint, now)  # 3 act
+        remark = self._watch_neighbours(step, now)
+        self._recorder.step(StepRecord.of(step, sensed, state, setpoint, outcome, late=late, remark=remark))  # 5 log
+        if outcome.all_settled or self._exchange.departed(Last.ARRIVED):
+            return Last.ARRIVED
+        if self._lost and self._fleet.safety.neighbour_silent.then == "stop":
+            raise NeighbourLost(f"{place}: {remark}")
+        if self._lost and self._fleet.safety.neighbour_silent.then == "hold":
+            self._holding = remark
+        return None
+
+    def _in_time(self, outcome: Outcome[Decision], state: State, *, late: bool) -> tuple[Setpoint, bool]:
+        """The setpoint that flies, and whether the step overran."""
+        setpoint = outcome.result.setpoint
+        if setpoint is not None and not late:
+            return setpoint, False
+        planned = self._controller.next_of_plan() if self._fleet.exchange.late == "previous_plan" else None
+        return planned or Setpoint.hold(state), True
+
+    def _watch_neighbours(self, step: int, now: int) -> str:
+        """See who is lost, and who is back; what there is to say about it."""
+        lost = self._exchange.lost_neighbours(step, now, nanoseconds(self._fleet.safety.neighbour_silent.after))
+        news = [f"neighbour {j} is lost ({how})" for j, how in lost.items() if j not in self._lost]
+        news += [f"neighbour {j} is back" for j in self._lost if j not in lost]
+        self._lost = lost
+        return "; ".join(news)
+
+    def _lie_dead(self, crash: Crashed, step: int) -> Loop[int]:
+        """Do nothing until the restart: the body comes to rest. The step from which this agent takes part again."""
+        back = self._fate.back_at(crash.at)
+        again = min(self._fleet.steps, max(step + 1, -(-back // self._sample_time)))
+        if self._fate.announces:
+            yield self._exchange.away(again, crash.at, again * self._sample_time)
+        self._recorder.event("crashed", crash.at, step=step)
+        with blaming(PlantError, f"agent {self._me.id}: step {step}: sense"):
+            state = self._plant.sense(crash.at)
+        self._hold(step, crash.at, state, str(crash))
+        for missed in range(step + 1, again):
+            now = yield Wait(missed * self._sample_time)
+            with blaming(PlantError, f"agent {self._me.id}: step {missed}: sense"):
+                state = self._plant.sense(now)
+            self._recorder.step(StepRecord.abstained(missed, now, state, Setpoint.hold(state), str(crash)))
+        if again < self._fleet.steps:
+            self._controller = self._renew()
+            self._arrival = Arrival(self._fleet.time.arrived)
+            self._recorder.event("restarted", again * self._sample_time, step=again)
+        return again
+
+    def _hold(self, step: int, now: int, state: State, why: str) -> None:
+        """Let the body come to rest, in a step without a decision."""
+        setpoint = Setpoint.hold(state)
+        with blaming(PlantError, f"agent {self._me.id}: step {step}: act"):
+            self._plant.act(setpoint, now)
+        self._recorder.step(StepRecord.abstained(step, now, state, setpoint, why))
 
 
 class Arrival:
@@ -132,17 +231,6 @@ def _latest(me: Me, proposal: int) -> Dialogue[int | None]:
             return None
         proposal = max(proposal, *(int(inbox[j]["start"]) for j in inbox))
     return proposal
-
-
-def _in_time(
-    outcome: Outcome[Decision], controller: Controller, state: State, rule: str, *, late: bool
-) -> tuple[Setpoint, bool]:
-    """The setpoint that flies, and whether the step overran."""
-    setpoint = outcome.result.setpoint
-    if setpoint is not None and not late:
-        return setpoint, False
-    planned = controller.next_of_plan() if rule == "previous_plan" else None
-    return planned or Setpoint.hold(state), True
 
 
 def _finite(state: State, place: str) -> State:

@@ -1,7 +1,7 @@
 """How a fleet agrees, by the headers of its messages alone, that a step is over and that all have arrived."""
 
 import math
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from typing import NamedTuple
 
 from dcf_zenoh.messaging.message import Message
@@ -57,13 +57,17 @@ class Agreement:
         for message in messages:
             if message.stop_at >= 0:
                 self._announce(message.stop_at)
+        self.settle(messages)
+        return 0 <= self._stop_at <= round
+
+    def settle(self, messages: Collection[Message]) -> None:
+        """Take in who has arrived, from the newest header of each neighbour; sound without rounds in step, too."""
         if self._settled_hops >= 0:
             hops = [message.settled_hops for message in messages]
             if -1 in hops:
                 self._settled_hops = -1
             elif len(hops) == self._neighbours:
                 self._settled_hops = min((self._settled_hops, *hops)) + 1
-        return 0 <= self._stop_at <= round
 
     def _announce(self, round: int) -> None:
         """The earliest end counts."""

@@ -3,22 +3,41 @@
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, BinaryIO, cast
+from typing import Any, BinaryIO, NamedTuple, cast
 
 import numpy as np
 
-from dcf_zenoh.agent import agent as agent_loop
+from dcf_zenoh.agent import Agent
 from dcf_zenoh.algorithms.algorithm import Me
 from dcf_zenoh.config import LoadedFleet, graph_of, weights_of
+from dcf_zenoh.configuration.fault_links import links_to, margin_of, needs_positions
 from dcf_zenoh.controllers.controller import Controller
 from dcf_zenoh.exchange import Exchange
+from dcf_zenoh.fate import Fate
+from dcf_zenoh.faults.link import Link
 from dcf_zenoh.graph import Graph, Neighbourhood
 from dcf_zenoh.messaging.mailbox import Mailbox
 from dcf_zenoh.messaging.message import Last
 from dcf_zenoh.plant import Array, NoPlant, Plant, State, read_only
 from dcf_zenoh.plugins import bind, create, load
+from dcf_zenoh.reception import Reception
 from dcf_zenoh.recording import Recorder, StepRecord
 from dcf_zenoh.requests import Loop
+from dcf_zenoh.rhythm import Rhythm
+from dcf_zenoh.spec import FleetSpec, nanoseconds
+from dcf_zenoh.transmission import Transmission
+
+
+class LastLife(NamedTuple):
+    """What an agent left behind that is started again while its fleet is running.
+
+    Attributes:
+        incarnation: Which life begins now; 1 after the first restart.
+        state: The last one in its log.
+    """
+
+    incarnation: int
+    state: State
 
 
 @dataclass(frozen=True)
@@ -29,6 +48,7 @@ class AgentParts:
         id: Of the agent.
         plant: Its body; the owner calls `prepare` before the loop starts and `close` at the end.
         mailbox: Where a runner puts what arrives.
+        links: Neighbour -> the faults of the link from it, of the links that have any.
         exchange: Its rounds; after a failure it has the goodbye.
         recorder: Its log; after a failure it takes the reason.
         loop: Algorithm 1, not started.
@@ -37,6 +57,7 @@ class AgentParts:
     id: int
     plant: Plant
     mailbox: Mailbox
+    links: dict[int, Link]
     exchange: Exchange
     recorder: Recorder
     loop: Loop[Last]
@@ -66,6 +87,7 @@ class Blueprint:
         stream: BinaryIO,
         about: Mapping[str, Any],
         observe: Callable[[StepRecord], None] = lambda _record: None,
+        last_life: LastLife | None = None,
     ) -> AgentParts:
         """Put one agent together.
 
@@ -74,6 +96,7 @@ class Blueprint:
             stream: Where its log goes.
             about: What the log's header says beside what the fleet file does.
             observe: Told of every step once it is recorded.
+            last_life: What is known of the agent if it was started again while the fleet was running.
 
         Raises:
             PluginError: A constructor refused its options.
@@ -97,23 +120,45 @@ class Blueprint:
             kind = load("plants", own.plant.kind, folder)
             plant = cast(Plant, create(kind, known, own.plant.options, f"{where}: plant"))
         control = spec.controller_kind
-        controller = cast(
-            Controller,
-            create(
-                load("controllers", control.kind, folder),
-                {"problem": problem, "algorithm": algorithm, "me": me, "sample_time": spec.time.sample_time},
-                control.options,
-                "controller",
-            ),
-        )
+
+        def renew() -> Controller:
+            me.forget()
+            context = {"problem": problem, "algorithm": algorithm, "me": me, "sample_time": spec.time.sample_time}
+            kind = load("controllers", control.kind, folder)
+            return cast(Controller, create(kind, context, control.options, "controller"))
+
+        virtual = spec.time.clock == "virtual"
         mailbox = Mailbox(hood.receives_from)
-        noted = me.take_notes if spec.log.rounds else None
-        rounds = spec.exchange
-        if spec.time.clock == "wall":  # there computing takes the time it takes
-            rounds = rounds.model_copy(update={"compute_time": 0.0})
-        exchange = Exchange(agent, lambda _step: hood, rounds, mailbox, time.perf_counter_ns, noted=noted)
+        links = links_to(spec, folder, self.graph, agent)
+        rounds = spec.exchange.model_copy(update={"margin": margin_of(spec, folder)})
+        transmission = Transmission(agent, last_life.incarnation if last_life else 0)
+        reception = Reception(
+            mailbox, links, hold=rounds.missing == "hold", silent_after=rounds.silent_after, watch=not virtual
+        )
+        fate = Fate(own.faults, (lambda now, until: exchange.away(0, now, until)) if virtual else None)
+        exchange = Exchange(
+            agent,
+            lambda _step: hood,
+            rounds,
+            mailbox,
+            reception,
+            transmission,
+            time.perf_counter_ns,
+            noted=me.take_notes if spec.log.rounds else None,
+            rhythm=_rhythm(spec, agent) if rounds.mode == "asynchronous" else None,
+            slowness=fate.slowness,
+            virtual=virtual,
+            tells_position=needs_positions(spec, folder),
+        )
         header = {"fleet": spec.name, "seed": spec.seed, "clock": spec.time.clock, **about}
         recorder = Recorder(stream, agent, header, observe)
         distance: Callable[[State], float] = getattr(problem, "distance_to_go", lambda _state: 0.0)
-        loop = agent_loop(spec, me, plant, controller, exchange, recorder, distance)
-        return AgentParts(agent, plant, mailbox, exchange, recorder, loop)
+        life = Agent(spec, me, plant, renew, exchange, recorder, distance, fate, last_life.state if last_life else None)
+        return AgentParts(agent, plant, mailbox, links, exchange, recorder, life.run())
+
+
+def _rhythm(spec: FleetSpec, agent: int) -> Rhythm:
+    """When the agent activates, by random numbers of its own."""
+    activation = spec.activation(agent)
+    rng = np.random.Generator(np.random.Philox([spec.seed, agent, 2]))
+    return Rhythm(nanoseconds(activation.period or 0), nanoseconds(activation.jitter or 0), rng)

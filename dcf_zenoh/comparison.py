@@ -8,8 +8,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from dcf_zenoh.exchange import RoundRecord
-from dcf_zenoh.run import AgentLog, Run
+from dcf_zenoh.agent_log import AgentLog
+from dcf_zenoh.run import Run
+from dcf_zenoh.talk import RoundRecord
 
 STEPS = "number of steps"
 

@@ -31,8 +31,8 @@ def load(
     """Read and check a fleet file.
 
     Plug-ins in use are imported, their signatures checked and their defaults filled in; nothing is constructed but
-    the topology. Files of plug-ins given by arguments are looked for in the working directory, then beside the fleet
-    file.
+    the topology and the faults. Files given by arguments are looked for in the working directory, then beside the
+    fleet file.
 
     Args:
         source: A path, or the name of a built-in fleet.
@@ -48,7 +48,7 @@ def load(
     Raises:
         ConfigurationError: With all problems of the file, one line each.
     """
-    draft = read(source)
+    draft = read(source, run_plugins=run_plugins)
     if plant is not None:
         draft.choose_plant(plant)
     if algorithm is not None:

@@ -1,39 +1,23 @@
 """Rounds: how an agent's algorithm talks with its neighbours, the same over Zenoh and in the simulator."""
 
-import math
-from collections.abc import Callable, Mapping
-from types import MappingProxyType
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from typing import Any, Generic, NamedTuple, TypeVar
 
-from dcf_zenoh.agreement import Agreement, Header
-from dcf_zenoh.algorithms.algorithm import Dialogue, Inbox, PerNeighbour
-from dcf_zenoh.errors import AlgorithmError, DcfError, MessageError, NumericalError, account
+from dcf_zenoh.agreement import Agreement
+from dcf_zenoh.algorithms.algorithm import Dialogue, Inbox
+from dcf_zenoh.errors import AlgorithmError, MessageError
 from dcf_zenoh.graph import Neighbourhood
 from dcf_zenoh.messaging.mailbox import Mailbox
-from dcf_zenoh.messaging.message import Last, Message, Payload, canonical
-from dcf_zenoh.reception import LinkCount, Reception
-from dcf_zenoh.requests import NEVER, Loop, Publish, Wait
+from dcf_zenoh.messaging.message import Last
+from dcf_zenoh.reception import LinkCount, Passed, Reception
+from dcf_zenoh.requests import NEVER, Activate, Loop, Publish, Wait
+from dcf_zenoh.rhythm import Rhythm
 from dcf_zenoh.spec import Rounds, nanoseconds
+from dcf_zenoh.talk import RoundRecord, Talk
+from dcf_zenoh.transmission import Sent, Transmission
 
 T = TypeVar("T")
-_NO_HEADER = Header()
-_NO_PAYLOAD: Payload = MappingProxyType({})
-
-
-class RoundRecord(NamedTuple):
-    """One round, as the log keeps it.
-
-    Attributes:
-        payload: What the agent sent; of edge payloads, neighbour -> payload.
-        residual: The agent's own.
-        arrivals: Neighbour -> fleet time at which its message of this round was there, ns.
-        noted: What the algorithm wanted to show (`Me.note`).
-    """
-
-    payload: Mapping[Any, Any]
-    residual: float
-    arrivals: dict[int, int]
-    noted: Mapping[str, Any]
 
 
 class Outcome(NamedTuple, Generic[T]):
@@ -47,6 +31,7 @@ class Outcome(NamedTuple, Generic[T]):
         stopped_by: 'agreed', 'rounds' (out of rounds), 'budget' (out of time) or 'returned' (of its own accord).
         compute: Real time spent in the dialogue, ns.
         links: Neighbour -> what came from it.
+        passed: What the links did to messages, as far as they have faults or it is to be logged.
         all_settled: Every agent of the fleet has arrived.
         log: One record per round, if those were asked for.
     """
@@ -58,25 +43,31 @@ class Outcome(NamedTuple, Generic[T]):
     stopped_by: str
     compute: int
     links: dict[int, LinkCount]
+    passed: list[Passed]
     all_settled: bool
     log: list[RoundRecord]
 
 
 class Exchange:
-    """Synchronous rounds of one agent with its neighbours.
+    """Rounds of one agent with its neighbours.
 
-    A round ends when every in-neighbour's message of that round is there, or at the round's time-out, or at the end
-    of the step's time budget, whichever comes first.
+    Synchronous: a round ends when every in-neighbour's message of that round is there, or at the round's time-out, or
+    at the end of the step's time budget, whichever comes first. With a `rhythm`, asynchronous: a round is an activation
+    at an instant of the agent's own, with the freshest message of each neighbour.
 
     Args:
         agent: Id of this agent.
         neighbourhood: Step -> whom the agent hears and who hears it.
         settings: Of the fleet file.
         mailbox: Where the runner puts what arrives.
-        stopwatch: Real time in ns, to measure computation; it never enters a decision.
+        reception: Takes it from there.
+        transmission: Numbers what is sent.
+        stopwatch: Real time in ns, to measure computation; in virtual time it never enters a decision.
         noted: What the algorithm wants to see in the log of a round; None to keep no log of rounds.
-        incarnation: How often this agent was restarted in this run.
-
+        rhythm: Of the agent's activations; None in synchronous mode.
+        slowness: Fleet time in ns -> factor by which computing takes longer.
+        virtual: Computing takes the time that the settings say, and promises are needed.
+        tells_position: Its messages say where the agent is.
     """
 
     def __init__(
@@ -85,26 +76,42 @@ class Exchange:
         neighbourhood: Callable[[int], Neighbourhood],
         settings: Rounds,
         mailbox: Mailbox,
+        reception: Reception,
+        transmission: Transmission,
         stopwatch: Callable[[], int],
         *,
         noted: Callable[[], Mapping[str, Any]] | None = None,
-        incarnation: int = 0,
+        rhythm: Rhythm | None = None,
+        slowness: Callable[[int], float] = lambda _now: 1.0,
+        virtual: bool = True,
+        tells_position: bool = False,
     ) -> None:
-        self._published = 0
         self._agent = agent
         self._neighbourhood = neighbourhood
         self._settings = settings
         self._round_timeout = NEVER if settings.round_timeout is None else nanoseconds(settings.round_timeout)
-        self._compute_time = nanoseconds(settings.compute_time)
+        self._compute_time = nanoseconds(settings.compute_time) if virtual else 0
+        self._margin = settings.margin or 0
         self._mailbox = mailbox
-        self._reception = Reception(mailbox, hold=settings.missing == "hold")
+        self._reception = reception
+        self._transmission = transmission
         self._stopwatch = stopwatch
         self._noted = noted
-        self._incarnation = incarnation
-        self._sequence = 0
+        self._rhythm = rhythm
+        self._slowness = slowness
+        self._virtual = virtual
+        self._tells_position = tells_position
 
     def negotiate(
-        self, dialogue: Dialogue[T], step: int, now: int, *, until: int = NEVER, settled: bool = False
+        self,
+        dialogue: Dialogue[T],
+        step: int,
+        now: int,
+        *,
+        until: int = NEVER,
+        next_step: int = NEVER,
+        settled: bool = False,
+        here: tuple[float, ...] = (),
     ) -> Loop[Outcome[T]]:
         """Lead `dialogue` through the rounds of one step.
 
@@ -113,72 +120,136 @@ class Exchange:
             step: Control step k.
             now: Fleet time, ns.
             until: End of the step's time budget, ns.
+            next_step: When the next step begins, ns.
             settled: Whether this agent has arrived, to be agreed upon on the way.
+            here: Where this agent is, m.
 
         Raises:
             AlgorithmError: The dialogue broke the contract, or raised an exception.
             NumericalError: A residual is not a number.
         """
-        settings, hood = self._settings, self._neighbourhood(step)
+        hood = self._neighbourhood(step)
         agreement = Agreement(
-            hood.diameter, len(hood.receives_from), settings.threshold, settings.margin or 0, settled=settled
+            hood.diameter, len(hood.receives_from), self._settings.threshold, self._margin, settled=settled
         )
+        talk = Talk(dialogue, f"agent {self._agent}: step {step}", self._stopwatch, self._noted)
+        self._transmission.position = here if self._tells_position else ()
+        self._reception.begin(step, hood.receives_from, here)
+        if self._rhythm is None or step < 0:  # the start is agreed upon in step
+            now, stopped_by = yield from self._rounds(talk, hood, agreement, step, now, until)
+        else:
+            now, stopped_by = yield from self._activations(
+                talk, hood, agreement, self._rhythm, step, now, until, next_step
+            )
+        return Outcome(
+            now, talk.result, talk.rounds, talk.residual, stopped_by, talk.compute, self._reception.links,
+            self._reception.passed, agreement.all_settled, talk.log,
+        )  # fmt: skip
+
+    def _rounds(
+        self, talk: Talk[T], hood: Neighbourhood, agreement: Agreement, step: int, now: int, until: int
+    ) -> Loop[tuple[int, str]]:
+        """Synchronous rounds; when they ended, and why."""
         reception, senders = self._reception, hood.receives_from
-        reception.begin(step, senders)
-        log: list[RoundRecord] = []
-        heard: tuple[Mapping[Any, Any], float, dict[int, int]] | None = None  # of the round to be logged
         inbox: Inbox | None = None
-        residual, compute, stopped_by, round = math.inf, 0, "", 0
-        while True:
-            began = self._stopwatch()
-            said = self._resume(dialogue, inbox, step, round)
-            compute += self._stopwatch() - began
-            if self._noted is not None and heard is not None:  # digested now: what was noted belongs to it
-                log.append(RoundRecord(*heard, self._noted()))
-            if isinstance(said, StopIteration):
-                if stopped_by in ("", "budget"):  # the others cannot know that this agent is through
-                    yield Publish(self._message(now, step, round, last=Last.OF_STEP))
-                return Outcome(
-                    now, said.value, round, residual, stopped_by or "returned", compute, reception.links,
-                    agreement.all_settled, log,
-                )  # fmt: skip
-            payload, residual = said
-            own, publications = self._publications(payload, hood, step, round, now, agreement.header(residual))
-            for publication in publications:
+        stopped_by = ""
+        while (payload := talk.resume(inbox)) is not None:
+            round = talk.rounds - 1
+            with _blaming(f"agent {self._agent}: step {step} round {round}"):
+                header = agreement.header(talk.residual)
+                sent = self._transmission.round(payload, hood, step, round, now, header)
+            for publication in sent.publications:
                 now = yield publication
             deadline = min(until, now + self._round_timeout)
             if senders:
                 now = yield Wait(deadline, senders, step, round)
-            end = reception.complete_at(round, now)
+            end = reception.round_end(round, now, deadline)
             if end > now:
-                now = yield Wait(min(end, deadline))
+                now = yield Wait(end)
             reception.close(round, now)
-            if agreement.conclude(residual, reception.messages, round):
+            if agreement.conclude(talk.residual, reception.messages, round):
                 stopped_by = "agreed"
-            elif round + 1 >= settings.max_rounds:
+            elif round + 1 >= self._settings.max_rounds:
                 stopped_by = "rounds"
             elif now >= until:
                 stopped_by = "budget"
-            inbox = reception.inbox(own, round, stop=bool(stopped_by))
-            if self._noted is not None:
-                heard = own, residual, reception.arrivals(round)
-            if self._compute_time:
-                now = yield Wait(now + self._compute_time)
-            round += 1
+            inbox = self._inbox(talk, sent, round, stop=bool(stopped_by))
+            now = yield from self._computing(talk, now)
+        if stopped_by in ("", "budget") or self._margin:  # the others cannot know that this agent is through
+            yield Publish(self._transmission.message(now, step, talk.rounds, last=Last.OF_STEP))
+        return now, stopped_by or "returned"
 
-    def abstain(self, step: int, now: int) -> Publish:
+    def _activations(
+        self,
+        talk: Talk[T],
+        hood: Neighbourhood,
+        agreement: Agreement,
+        rhythm: Rhythm,
+        step: int,
+        now: int,
+        until: int,
+        next_step: int,
+    ) -> Loop[tuple[int, str]]:
+        """Activations at instants of the agent's own; when they ended, and why."""
+        reception, senders = self._reception, hood.receives_from
+        inbox: Inbox | None = None
+        stopped_by = ""
+        activation = now
+        while (payload := talk.resume(inbox)) is not None:
+            round = talk.rounds - 1
+            now = yield from self._computing(talk, now)
+            activation = max(rhythm.after(activation), now + 1)
+            if activation >= until:
+                stopped_by, activation = "budget", max(until, now + 1)
+            elif round + 1 >= self._settings.max_rounds:
+                stopped_by = "rounds"
+            # Nothing leaves before the next activation; after the last one, not before the next step.
+            promise = max(next_step, activation) if stopped_by else activation
+            with _blaming(f"agent {self._agent}: step {step} round {round}"):
+                header = agreement.header(talk.residual)
+                sent = self._transmission.round(payload, hood, step, round, now, header, promise)
+            for publication in sent.publications:
+                now = yield publication
+            now = yield Activate(activation, senders)
+            reception.activate(round, now)
+            agreement.settle(reception.messages)
+            inbox = self._inbox(talk, sent, round, stop=bool(stopped_by), synchronous=False)
+        now = yield from self._computing(talk, now)
+        if not stopped_by:
+            last = self._transmission.message(now, step, talk.rounds, last=Last.OF_STEP, promise=max(next_step, now))
+            yield Publish(last)
+        return now, stopped_by or "returned"
+
+    def _inbox(self, talk: Talk[T], sent: Sent, round: int, *, stop: bool, synchronous: bool = True) -> Inbox:
+        """What the algorithm sees of `round`."""
+        talk.hear(sent.own, lambda: self._reception.arrivals(round))
+        return self._reception.inbox(sent.own, sent.names, round, stop=stop, synchronous=synchronous)
+
+    def _computing(self, talk: Talk[T], now: int) -> Loop[int]:
+        """Let the time of a round's computation pass: what the settings say, or on the wall clock what is too much."""
+        factor = self._slowness(now)
+        duration = self._compute_time * factor if self._virtual else talk.last_compute * (factor - 1)
+        if duration:
+            now = yield Wait(now + round(duration))
+        return now
+
+    def abstain(self, step: int, now: int, next_step: int) -> Publish:
         """Tell the neighbours that this agent takes no part in `step`."""
-        return Publish(self._message(now, step, 0, last=Last.OF_STEP))
+        return Publish(self._transmission.message(now, step, last=Last.OF_STEP, promise=next_step))
 
     def goodbye(self, step: int, now: int, last: Last) -> Publish:
         """The last message of this agent."""
-        return Publish(self._message(now, step, 0, last=last))
+        return Publish(self._transmission.message(now, step, last=last))
+
+    def away(self, step: int, now: int, until: int) -> Publish:
+        """Tell the runners of the neighbours that nothing follows before `step`, nor before `until`, ns."""
+        return Publish(self._transmission.message(now, step, last=Last.AWAY, promise=until))
 
     @property
     def counts(self) -> dict[str, int]:
         """Messages so far: published here; and of the neighbours', those that never came and those not accepted."""
         return {
-            "published": self._published,
+            "published": self._transmission.published,
             "lost": self._mailbox.missing,
             "overtaken": self._mailbox.overtaken,
             "duplicates": self._mailbox.duplicates,
@@ -191,81 +262,20 @@ class Exchange:
 
     def lost_neighbours(self, step: int, now: int, silent_after: int) -> dict[int, str]:
         """Neighbours that died, failed or have been silent for longer than `silent_after` ns, and which it is."""
-        found: dict[int, str] = {}
+        found = {}
         for j in self._neighbourhood(step).receives_from:
             silence = now - self._reception.last_heard.get(j, 0)
-            if j in self._mailbox.lost:
-                found[j] = self._mailbox.lost[j]
-            elif self._mailbox.departed(j) is Last.FAILED:
-                found[j] = "it stopped because of an error"
-            elif silence > silent_after and not self._mailbox.knows(j, step, 0):
+            if dead := self._mailbox.dead(j):
+                found[j] = dead
+            elif silence > silent_after:
                 found[j] = f"nothing heard for {silence * 1e-9:.2f} s"
         return found
 
-    def _place(self, step: int, round: int) -> str:
-        return f"agent {self._agent}: step {step} round {round}"
 
-    def _resume(
-        self, dialogue: Dialogue[Any], inbox: Inbox | None, step: int, round: int
-    ) -> tuple[Payload | PerNeighbour, float] | StopIteration:
-        """The dialogue's next payload and residual, checked; or its end, which holds what it returned."""
-        try:
-            said = next(dialogue) if inbox is None else dialogue.send(inbox)
-        except StopIteration as finished:
-            return finished
-        except AlgorithmError as error:
-            raise AlgorithmError(f"{self._place(step, round)}: {error}") from error
-        except DcfError:
-            raise
-        except (Exception, SystemExit) as error:
-            raise AlgorithmError(f"{self._place(step, round)}: {account(error)}") from error
-        if inbox is not None and inbox.stop:
-            raise AlgorithmError(f"{self._place(step, round)}: the algorithm went on after inbox.stop")
-        try:
-            payload, residual = said
-            residual = float(residual)
-        except (TypeError, ValueError):
-            raise AlgorithmError(
-                f"{self._place(step, round)}: the algorithm yielded {said!r:.60}; expected a payload and a residual"
-            ) from None
-        if residual != residual:  # noqa: PLR0124 - NaN
-            raise NumericalError(f"{self._place(step, round)}: the algorithm's residual is not a number")
-        return payload, residual
-
-    def _publications(
-        self, payload: Payload | PerNeighbour, hood: Neighbourhood, step: int, round: int, now: int, header: Header
-    ) -> tuple[Mapping[Any, Any], list[Publish]]:
-        """One round's messages: every out-neighbour gets exactly one of this sequence number."""
-        try:
-            if not isinstance(payload, PerNeighbour):
-                own = canonical(payload)
-                return own, [Publish(self._message(now, step, round, header, payload=own))]
-            if set(payload.payloads) != set(hood.sends_to):
-                raise MessageError(
-                    f"PerNeighbour names {sorted(payload.payloads)}; expected exactly its out-neighbours"
-                    f" {list(hood.sends_to)}"
-                )
-            edges = {j: canonical(payload.payloads[j]) for j in hood.sends_to}
-        except MessageError as error:
-            raise AlgorithmError(f"{self._place(step, round)}: {error}") from error
-        message = self._message(now, step, round, header)
-        self._published += len(edges) - 1
-        return edges, [Publish(message._replace(payload=edge), j) for j, edge in edges.items()]
-
-    def _message(
-        self,
-        now: int,
-        step: int,
-        round: int,
-        header: Header = _NO_HEADER,
-        last: Last = Last.NO,
-        payload: Payload = _NO_PAYLOAD,
-    ) -> Message:
-        """The next message of this agent."""
-        sequence = self._sequence
-        self._sequence += 1
-        self._published += step >= 0 and last < Last.DONE  # what the links of the steps carry
-        return Message(
-            self._agent, self._incarnation, sequence, step, round, now, header.stop_at, header.settled_hops, 0, last,
-            header.residuals, payload,
-        )  # fmt: skip
+@contextmanager
+def _blaming(place: str) -> Iterator[None]:
+    """Turn what is wrong with a payload into an error of the algorithm that names `place`."""
+    try:
+        yield
+    except MessageError as error:
+        raise AlgorithmError(f"{place}: {error}") from error

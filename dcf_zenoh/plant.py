@@ -83,6 +83,13 @@ class Plant(ABC):
     def start(self, now: int) -> None:
         """Get ready to follow setpoints (take off, for a drone)."""
 
+    def resume(self, state: State, now: int) -> None:  # noqa: ARG002
+        """Take over in the middle of a run, in place of `start`: the agent died, and its daemon was started again.
+
+        A simulated plant goes on from the last `state` that is known, and comes to rest; a real one senses where it is.
+        """
+        self.start(now)
+
     @abstractmethod
     def sense(self, now: int) -> State:
         """The state at `now`. Instants never decrease over the life of a plant."""

@@ -1,8 +1,10 @@
 """The log of an agent: an append-only msgpack stream, and its reader.
 
 The first object of a stream is the header, a map; then one array per control step, in the order of `StepRecord`'s
-fields; last a map, the end. A stream that was cut off anywhere is read up to its last whole object. A run directory
-holds one stream per agent beside ``fleet.toml`` (the resolved fleet), ``run.json`` and copies of plug-in files.
+fields; in between maps for what happens at some instant (an agent crashes, a fault is changed); last a map, the end.
+After a restart all this follows once more. A stream that was cut off anywhere is read up to its last whole object. A
+run directory holds one stream per agent beside ``fleet.toml`` (the resolved fleet), ``run.json`` and copies of plug-in
+files.
 """
 
 import platform
@@ -19,8 +21,9 @@ from dcf_zenoh.controllers.controller import Decision
 from dcf_zenoh.errors import RecordingError
 from dcf_zenoh.exchange import Outcome
 from dcf_zenoh.plant import Setpoint, State
+from dcf_zenoh.reception import Passed
 
-SCHEMA = 1
+SCHEMA = 2
 
 
 def log_name(agent: int) -> str:
@@ -43,7 +46,9 @@ class StepRecord(NamedTuple):
         stopped_by: What ended the rounds; see `Outcome`, or 'abstained'.
         late: The step overran: not its own decision flew, but what the fleet file says for that case.
         compute: Real time spent in the algorithm.
-        links: Per neighbour: id, received, missing, late.
+        links: Per neighbour: id, received, missing, late, lost.
+        passed: What links did to messages: sender, sequence, step, round, entered, due (-1: lost), lost_by.
+        notes: What the controller counted.
         log: Per round, if asked for: payload, residual, arrivals, noted; see `RoundRecord`.
         remark: What else there is to say.
     """
@@ -59,13 +64,23 @@ class StepRecord(NamedTuple):
     stopped_by: str
     late: bool
     compute: int
-    links: list[tuple[int, int, int, int]]
+    links: list[tuple[int, int, int, int, int]]
+    passed: list[Passed]
+    notes: Mapping[str, float]
     log: list[Any]
     remark: str = ""
 
     @classmethod
     def of(
-        cls, step: int, sensed: int, state: State, setpoint: Setpoint, outcome: Outcome[Decision], *, late: bool
+        cls,
+        step: int,
+        sensed: int,
+        state: State,
+        setpoint: Setpoint,
+        outcome: Outcome[Decision],
+        *,
+        late: bool,
+        remark: str = "",
     ) -> "StepRecord":
         """The record of a step that was negotiated."""
         return cls(
@@ -80,8 +95,11 @@ class StepRecord(NamedTuple):
             stopped_by=outcome.stopped_by,
             late=late,
             compute=outcome.compute,
-            links=[(j, link.received, link.missing, link.late) for j, link in outcome.links.items()],
+            links=[(j, link.received, link.missing, link.late, link.lost) for j, link in outcome.links.items()],
+            passed=outcome.passed,
+            notes=outcome.result.notes,
             log=list(outcome.log),
+            remark=remark,
         )
 
     @classmethod
@@ -89,7 +107,7 @@ class StepRecord(NamedTuple):
         """The record of a step in which the agent took no part."""
         return cls(
             step, sensed, state.vector.tolist(), sensed, setpoint.vector.tolist(), [], 0, float("inf"), "abstained",
-            False, 0, [], [], remark,
+            False, 0, [], [], {}, [], remark,
         )  # fmt: skip
 
 
@@ -140,6 +158,10 @@ class Recorder:
         """Append one control step."""
         self._write(record)
         self._observe(record)
+
+    def event(self, what: str, now: int, **about: Any) -> None:
+        """Append that something happened at `now`, fleet time in ns."""
+        self._write({"event": what, "time": now, **about})
 
     def end(
         self, reason: str, now: int, state: State, remark: str = "", counts: Mapping[str, int] | None = None

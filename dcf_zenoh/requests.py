@@ -31,12 +31,23 @@ class Wait(NamedTuple):
     round: int = 0
 
 
+class Activate(NamedTuple):
+    """Go on at `until`, knowing all that `senders` sent before.
+
+    On the wall clock that is what is there. In virtual time the runner waits until each of them has promised to send
+    nothing more before `until` (conservative simulation; Chandy and Misra 1979, Bryant 1977).
+    """
+
+    until: int
+    senders: tuple[int, ...]
+
+
 class Start(NamedTuple):
     """The fleet starts now: its time 0 is this instant, in ns UTC. Virtual time has no use for it."""
 
     instant: int
 
 
-Request: TypeAlias = Publish | Wait | Start
+Request: TypeAlias = Publish | Wait | Activate | Start
 R = TypeVar("R")
 Loop: TypeAlias = Generator[Request, int, R]

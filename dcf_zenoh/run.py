@@ -15,109 +15,14 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from dcf_zenoh.agent_log import AgentLog
 from dcf_zenoh.config import load
 from dcf_zenoh.errors import RecordingError
 from dcf_zenoh.plant import Array, read_only
-from dcf_zenoh.recording import SCHEMA, StepRecord, log_name, read_stream
+from dcf_zenoh.recording import log_name
 from dcf_zenoh.spec import FleetSpec
 
 log = logging.getLogger(__name__)
-Integers = npt.NDArray[np.int64]
-
-
-@dataclass(frozen=True)
-class AgentLog:
-    """What one agent recorded: K whole steps. Times in s of fleet time, arrays read-only.
-
-    Attributes:
-        agent: Id.
-        header: First object of the log: versions, processor, schema.
-        step: Step numbers, shape (K,).
-        sensed: When the state was measured, shape (K,).
-        state: Position and velocity, shape (K, 2 d), m and m/s.
-        acted: When the setpoint went to the plant, shape (K,).
-        setpoint: Position, velocity, acceleration, shape (K, 3 d).
-        decision: The algorithm's decision, shape (K, n); NaN in steps without one.
-        rounds: Rounds per step, shape (K,).
-        residual: Own residual of the last round, shape (K,).
-        stopped_by: What ended the rounds, K words; see `Outcome`.
-        late: Whether the step overran, shape (K,).
-        compute: Real time spent in the algorithm, s, shape (K,).
-        links: Neighbour -> messages received, missing, late per step, shape (K, 3).
-        rounds_log: Per step the records of its rounds (`RoundRecord` as a list); empty without ``log.rounds``.
-        remarks: K remarks.
-        end: How it ended: 'end' (reason), 'time' (ns), 'state', 'counts', 'remark'; None if the log was cut off.
-    """
-
-    agent: int
-    header: Mapping[str, Any]
-    step: Integers
-    sensed: Array
-    state: Array
-    acted: Array
-    setpoint: Array
-    decision: Array
-    rounds: Integers
-    residual: Array
-    stopped_by: tuple[str, ...]
-    late: npt.NDArray[np.bool_]
-    compute: Array
-    links: Mapping[int, Integers]
-    rounds_log: tuple[list[Any], ...]
-    remarks: tuple[str, ...]
-    end: Mapping[str, Any] | None
-
-    @property
-    def negotiation(self) -> Array:
-        """Fleet time from sensing to acting, s, shape (K,): computation and waiting, the whole of steps 1 and 2."""
-        return self.acted - self.sensed
-
-    @property
-    def path(self) -> Array:
-        """Positions, the last one included where the log ends with a state, shape (K or K+1, d), m."""
-        last = [] if self.end is None else self.end["state"]  # empty too after a failure
-        states = np.vstack((self.state, last)) if last and len(last) == self.state.shape[1] else self.state
-        return states[:, : states.shape[1] // 2]
-
-    @classmethod
-    def read(cls, data: bytes, source: str) -> "AgentLog":
-        """Read a stream up to its last whole record.
-
-        Raises:
-            RecordingError: It is no log, or one of another schema.
-        """
-        items = list(read_stream(data))
-        if not items or not isinstance(items[0], dict) or "schema" not in items[0]:
-            raise RecordingError(f"{source}: not a log of an agent: it has no header")
-        header = items[0]
-        if header["schema"] != SCHEMA:
-            raise RecordingError(f"{source}: log schema {header['schema']}; this version reads {SCHEMA}")
-        steps = [StepRecord(*item) for item in items[1:] if isinstance(item, list)]
-        ends = [item for item in items[1:] if isinstance(item, dict)]
-        neighbours = sorted({link[0] for record in steps for link in record.links})
-        counts = {j: np.zeros((len(steps), 3), dtype=np.int64) for j in neighbours}
-        for row, record in enumerate(steps):
-            for j, *numbers in record.links:
-                counts[j][row] = numbers
-        return cls(
-            agent=header["agent"],
-            header=header,
-            step=np.array([r.step for r in steps], dtype=np.int64),
-            sensed=read_only([r.sensed * 1e-9 for r in steps]),
-            state=_table([r.state for r in steps]),
-            acted=read_only([r.acted * 1e-9 for r in steps]),
-            setpoint=_table([r.setpoint for r in steps]),
-            decision=_table([r.decision for r in steps]),
-            rounds=np.array([r.rounds for r in steps], dtype=np.int64),
-            residual=read_only([r.residual for r in steps]),
-            stopped_by=tuple(r.stopped_by for r in steps),
-            late=np.array([r.late for r in steps], dtype=np.bool_),
-            compute=read_only([r.compute * 1e-9 for r in steps]),
-            links=counts,
-            rounds_log=tuple(r.log for r in steps),
-            remarks=tuple(r.remark for r in steps),
-            end=ends[-1] if ends else None,
-        )
 
 
 @dataclass(frozen=True)
@@ -260,8 +165,8 @@ class Run:
     def summary(self) -> dict[str, Any]:
         """The run in one flat object, as ``--json`` prints it."""
         logs = self.agents.values()
-        received, missing, late = (
-            int(sum(counts[:, column].sum() for log in logs for counts in log.links.values())) for column in range(3)
+        received, missing, late, lost = (
+            int(sum(counts[:, column].sum() for log in logs for counts in log.links.values())) for column in range(4)
         )
         plants = {spec.plant.kind if spec.plant else "none" for spec in map(self.fleet.agent, self.fleet.ids)}
         return {
@@ -284,22 +189,12 @@ class Run:
             "messages": {
                 "published": sum(log.end["counts"].get("published", 0) for log in logs if log.end),
                 "delivered": received + late,
-                "lost": sum(log.end["counts"].get("lost", 0) for log in logs if log.end),
+                "lost": lost + sum(log.end["counts"].get("lost", 0) for log in logs if log.end),
                 "late": late,
                 "missing": missing,
             },
             "digest": self.digest,
         }
-
-
-def _table(rows: list[list[float]]) -> Array:
-    """Rows of equal length as one array; empty ones, and missing ends, are NaN."""
-    width = max(map(len, rows), default=0)
-    table = np.full((len(rows), width), np.nan)
-    for row, values in zip(table, rows, strict=True):
-        row[: len(values)] = values
-    table.setflags(write=False)
-    return table
 
 
 def _spread(values: npt.NDArray[Any]) -> dict[str, float | None]:

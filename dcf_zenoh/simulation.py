@@ -8,13 +8,14 @@ from typing import BinaryIO
 
 from threadpoolctl import threadpool_limits
 
+from dcf_zenoh.agent_log import AgentLog
 from dcf_zenoh.assembly import AgentParts, Blueprint
 from dcf_zenoh.config import LoadedFleet, freeze, load
 from dcf_zenoh.errors import DcfError, PlantError, blaming
 from dcf_zenoh.graph import Graph
 from dcf_zenoh.recording import open_log
-from dcf_zenoh.requests import Publish, Wait
-from dcf_zenoh.run import AgentLog, Run
+from dcf_zenoh.requests import Activate, Publish, Wait
+from dcf_zenoh.run import Run
 
 Choice = Callable[[int], int]
 
@@ -86,18 +87,23 @@ class _Actor:
         self.loop = parts.loop
         self.now = 0
         self.reply: int | None = None
-        self.wait: Wait | None = None  # what it waits for; None when it can go on
+        self.wait: Wait | Activate | None = None  # what it waits for; None when it can go on
         self.blocked_by: set[int] = set()
 
     def heard(self, sender: int, ready: list["_Actor"]) -> None:
         """Go on if `sender` was the last one it waited for."""
-        wait = self.wait
-        if wait is None or sender not in self.blocked_by or not self.mailbox.knows(sender, wait.step, wait.round):
+        if self.wait is None or sender not in self.blocked_by or self.lacking(self.wait, (sender,)):
             return
         self.blocked_by.discard(sender)
         if not self.blocked_by:
             self.wait = None
             ready.append(self)
+
+    def lacking(self, wait: Wait | Activate, senders: tuple[int, ...]) -> tuple[int, ...]:
+        """Those of `senders` from whom more has to be known before `wait` ends."""
+        if isinstance(wait, Activate):
+            return self.mailbox.unpromised(senders, wait.until)
+        return self.mailbox.lacks(senders, wait.step, wait.round)
 
 
 def run_agents(parts: Sequence[AgentParts], graph: Graph, choose: Choice | None = None) -> None:
@@ -142,18 +148,19 @@ def _advance(actor: _Actor, listeners: list[_Actor], ready: list[_Actor]) -> boo
                     continue
                 listener.mailbox.put(message, message.sent)
                 listener.heard(message.sender, ready)
-        elif isinstance(request, Wait) and request.senders:
-            actor.blocked_by = set(actor.mailbox.lacks(request.senders, request.step, request.round))
+        elif isinstance(request, Wait | Activate):
+            if isinstance(request, Activate) or not request.senders:
+                actor.now = max(actor.now, request.until)
+            actor.blocked_by = set(actor.lacking(request, request.senders))
             if actor.blocked_by:
                 actor.wait = request
                 actor.reply = actor.now
                 return True
-        elif isinstance(request, Wait):
-            actor.now = max(actor.now, request.until)
         actor.reply = actor.now
 
 
 def _plight(actor: _Actor) -> str:
     wait = actor.wait
     assert wait is not None
-    return f"agent {actor.parts.id} waits for {sorted(actor.blocked_by)} in step {wait.step} round {wait.round}"
+    place = f"at {wait.until} ns" if isinstance(wait, Activate) else f"in step {wait.step} round {wait.round}"
+    return f"agent {actor.parts.id} waits for {sorted(actor.blocked_by)} {place}"

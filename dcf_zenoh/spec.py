@@ -167,7 +167,7 @@ class Network(Table):
 class FaultTable(Kind):
     """One fault: `kind` and its keys. In a fleet file a bare `value` stands for the kind's first key."""
 
-    value: Any = Field(default=None, description="short for the first key of the kind")
+    value: Any = Field(default=None, description="short for the first key of the kind, where that cannot be told yet")
 
 
 Switch = FaultTable | Literal[False]
@@ -178,7 +178,7 @@ class FaultRule(Table):
     """Faults of some links, or at some time; all other keys are faults by name, `false` for none."""
 
     model_config = ConfigDict(frozen=True, extra="allow", allow_inf_nan=False, populate_by_name=True)
-    __pydantic_extra__: dict[str, Switch]
+    __pydantic_extra__: dict[str, Switch] = Field(init=False)
 
     from_: Ids | None = Field(default=None, alias="from", description="sending agents; none: all")
     to: Ids | None = Field(default=None, description="receiving agents; none: all")
@@ -191,14 +191,22 @@ class FaultRule(Table):
         """Name -> fault."""
         return dict(self.model_extra or {})
 
+    def covers(self, sender: int, receiver: int) -> bool:
+        """Whether this is a rule for the link ``sender -> receiver``."""
+        return _among(sender, self.from_) and _among(receiver, self.to)
+
+
+def _among(agent: int, ids: Ids | None) -> bool:
+    return ids is None or agent == ids or (isinstance(ids, tuple) and agent in ids)
+
 
 class Faults(Table):
     """Faults of all links, by name, then rules; later rules win, name by name."""
 
     model_config = ConfigDict(frozen=True, extra="allow", allow_inf_nan=False, populate_by_name=True)
-    __pydantic_extra__: dict[str, Switch]
+    __pydantic_extra__: dict[str, Switch] = Field(init=False)
 
-    rule: tuple[FaultRule, ...] = Field(default=(), description="faults of some links, or at some time")
+    rule: tuple[FaultRule, ...] = Field(default=(), description="[[faults.rule]], faults of some links or at some time")
 
     @property
     def everywhere(self) -> dict[str, Switch]:
@@ -269,12 +277,14 @@ class AgentSpec:
         start: Position before the first step, m; empty without a plant.
         plant: Kind and options of its plant; None for an agent that only computes.
         problem: Kind and options of its share of the problem.
+        faults: What shall go wrong with it.
     """
 
     id: int
     start: Vector
     plant: Kind | None
     problem: Kind
+    faults: AgentFaults
 
 
 class FleetSpec(Table):
@@ -317,10 +327,21 @@ class FleetSpec(Table):
         """The controller, chosen by whether there are plants where the file does not say."""
         return self.controller or Kind(kind="receding_horizon" if self.has_plants else "solve_once")
 
+    def activation(self, agent: int) -> Activation:
+        """The rhythm of one agent in asynchronous mode, both numbers chosen; its period is budget / max_rounds where
+        the file gives none.
+        """
+        own, fleet = self.agents[agent].exchange, self.exchange
+        period = fleet.step_budget(self.time.sample_time) / fleet.max_rounds if fleet.period is None else fleet.period
+        return Activation(
+            period=period if own.period is None else own.period,
+            jitter=fleet.jitter if own.jitter is None else own.jitter,
+        )
+
     def agent(self, agent: int) -> AgentSpec:
         """The choices for one agent, overrides merged in."""
         own = self.agents[agent]
         problem = own.problem if own.target is None else {"target": own.target, **own.problem}
         name = own.plant or self.plant
         plant = None if name is None else self.plants[name].with_options(own.plants.get(name, {}))
-        return AgentSpec(agent, own.start or (), plant, self.problem.with_options(problem))
+        return AgentSpec(agent, own.start or (), plant, self.problem.with_options(problem), own.faults)

@@ -34,6 +34,11 @@ class PointMass(Plant):
         self._input: Array | None = np.zeros_like(self._position)  # None: brake
         self._now = 0
 
+    def resume(self, state: State, now: int) -> None:
+        """Go on from `state` and brake."""
+        self._position, self._velocity = read_only(state.position), read_only(state.velocity)
+        self._input, self._now = None, now
+
     def sense(self, now: int) -> State:
         """Exact position and velocity at `now`."""
         self._advance(now)

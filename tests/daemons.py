@@ -12,8 +12,8 @@ from types import TracebackType
 from typing import Any, Self
 
 from agentd.rundir import read_about
+from dcf_zenoh.agent_log import AgentLog
 from dcf_zenoh.recording import log_name
-from dcf_zenoh.run import AgentLog
 
 PROCESSES = Path("/proc")
 

@@ -12,12 +12,12 @@ PACKAGES = ("agentd", "dcf_zenoh", *FAMILIES)
 LAYERS = (
     "errors",
     "plant spec graph clock messaging.message configuration.wording",
-    "requests agreement messaging.mailbox faults algorithms problems",
-    "controllers reception exchange recording",
+    "requests agreement messaging.delivery messaging.mailbox faults algorithms problems",
+    "rhythm fate talk transmission controllers reception exchange recording",
     "agent messaging testing",
     "plugins",
     "configuration config",
-    "assembly run simulation comparison",
+    "assembly agent_log run simulation comparison",
 )
 FOR_FAMILIES = {"dcf_zenoh.spec", "dcf_zenoh.plant", "dcf_zenoh.graph", "dcf_zenoh.errors"}
 WITHOUT_IO = (
@@ -26,6 +26,10 @@ WITHOUT_IO = (
     "controllers",
     "faults",
     "reception",
+    "transmission",
+    "talk",
+    "rhythm",
+    "fate",
     "exchange",
     "agreement",
     "requests",

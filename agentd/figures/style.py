@@ -3,8 +3,9 @@
 import textwrap
 from typing import Any
 
+from dcf_zenoh.agent_log import AgentLog
 from dcf_zenoh.messaging.message import Last
-from dcf_zenoh.run import AgentLog, Run
+from dcf_zenoh.run import Run
 
 STYLE: Any = {  # not a dict for the type checker: matplotlib lists every key there is in its type
     "axes.axisbelow": True,

@@ -178,6 +178,10 @@ class Me:
         """The result to return: this agent's decision, and what to recall in the next step."""
         return Result(read_only(decision), memory)
 
+    def forget(self) -> None:
+        """Lose all memory, as in a restart."""
+        self.last, self._memory, self.noted = None, {}, {}
+
     def remember(self, result: Result) -> None:
         """Keep `result` for the next control step."""
         self.last = result.decision

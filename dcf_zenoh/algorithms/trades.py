@@ -6,36 +6,14 @@ the step has produced instead of what it starts from, which converges about thre
 """
 
 from collections.abc import Generator
-from typing import Literal, NamedTuple, Protocol
+from typing import Literal, NamedTuple
 
 import numpy as np
 
 from dcf_zenoh.algorithms.algorithm import Inbox, Me, Result
+from dcf_zenoh.algorithms.coupled_game import CoupledGame
 from dcf_zenoh.errors import AlgorithmError
 from dcf_zenoh.messaging.message import Payload
-from dcf_zenoh.plant import Array
-
-
-class CoupledGame(Protocol):
-    """What TRADES asks of a game: shapes (n,) for decisions, (s,) for the aggregate, (rows,) for the coupling."""
-
-    A: Array
-    rows: int
-
-    def start(self, last: Array | None) -> Array:
-        """Initial decision."""
-
-    def contribution(self, u: Array) -> Array:
-        """phi(u), whose mean over the agents is sigma."""
-
-    def coupling(self, u: Array) -> Array:
-        """A u - b; the sum over the agents must not be positive."""
-
-    def gradient(self, u: Array, sigma: Array) -> Array:
-        """Pseudo-gradient of the agent's cost."""
-
-    def project(self, u: Array) -> Array:
-        """Nearest admissible decision."""
 
 
 class _Steps(NamedTuple):

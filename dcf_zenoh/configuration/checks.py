@@ -1,17 +1,19 @@
 """What a specification must satisfy beyond its types: names that exist, plug-ins that accept their keys, a graph."""
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from dcf_zenoh.configuration.absence_checks import check_agents
 from dcf_zenoh.configuration.drawing import draw, weights_of
+from dcf_zenoh.configuration.fault_checks import check_links
+from dcf_zenoh.configuration.shelf import Shelf
+from dcf_zenoh.configuration.time_checks import check_rhythm, check_time, check_timeout
 from dcf_zenoh.configuration.wording import Problems, listed, nearest
 from dcf_zenoh.errors import PluginError, TopologyError
-from dcf_zenoh.plugins import Schema, accepted, check_known, check_signature, is_built_in, load, peek, split
+from dcf_zenoh.graph import Graph
+from dcf_zenoh.plugins import Schema, is_built_in
 from dcf_zenoh.spec import FleetSpec, Kind
-
-LONGEST = 1e8  # s; some three years
 
 
 def check(spec: FleetSpec, folder: Path, problems: Problems, notes: list[str], *, run_plugins: bool) -> None:
@@ -26,9 +28,10 @@ def check(spec: FleetSpec, folder: Path, problems: Problems, notes: list[str], *
     """
     _check_plant_names(spec, problems)
     _check_starts(spec, problems)
-    _check_time(spec, problems, notes)
+    check_time(spec, problems, notes)
+    check_rhythm(spec, problems, notes)
     _check_endpoints(spec, problems)
-    shelf = _Shelf(folder, run_plugins, problems, notes)
+    shelf = Shelf(folder, run_plugins, problems, notes)
     _check_problem(spec, shelf)
     _check_plants(spec, shelf)
     shelf.check("algorithms", spec.algorithm, "algorithm")
@@ -38,8 +41,10 @@ def check(spec: FleetSpec, folder: Path, problems: Problems, notes: list[str], *
     if not problems.within("plant"):
         shelf.check("controllers", spec.controller_kind, "controller")
     shelf.check("topologies", spec.topology, "topology")
+    graph = None
     if not problems.within("topology") and (run_plugins or is_built_in("topologies", spec.topology.kind)):
-        _check_graph(spec, folder, problems)
+        graph = _check_graph(spec, folder, problems)
+    check_timeout(spec, problems, losers=[*check_links(spec, graph, shelf), *check_agents(spec, problems, notes)])
 
 
 def _check_plant_names(spec: FleetSpec, problems: Problems) -> None:
@@ -86,33 +91,6 @@ def _check_starts(spec: FleetSpec, problems: Problems) -> None:
             )
 
 
-def _check_time(spec: FleetSpec, problems: Problems, notes: list[str]) -> None:
-    rounds, sample_time = spec.exchange, spec.time.sample_time
-    for key, value in {
-        "time.sample_time": sample_time,
-        "time.duration": spec.time.duration,
-        "exchange.budget": rounds.budget,
-        "exchange.round_timeout": rounds.round_timeout,
-        "exchange.compute_time": rounds.compute_time,
-        "safety.neighbour_silent.after": spec.safety.neighbour_silent.after,
-        "zenoh.ready_timeout": spec.zenoh.ready_timeout,
-        "zenoh.silence_timeout": spec.zenoh.silence_timeout,
-    }.items():
-        if value is not None and value > LONGEST:
-            problems.add(key, f"expected at most {LONGEST:g} s, not {value:g}")
-    if spec.seed >= 2**63:
-        problems.add("seed", f"expected less than 2^63, not {spec.seed}")
-    budget = rounds.step_budget(sample_time)
-    if budget > sample_time:
-        problems.add("exchange.budget", f"expected at most time.sample_time = {sample_time:g} s, not {budget:g} s")
-    if rounds.round_timeout is not None and rounds.max_rounds * rounds.round_timeout > budget * (1 + 1e-9):
-        worst = rounds.max_rounds * rounds.round_timeout
-        notes.append(
-            f"exchange: worst case {rounds.max_rounds} x {rounds.round_timeout * 1e3:g} ms = {worst:.3f} s"
-            f" > budget {budget:.3f} s: a step may end by time, not by agreement"
-        )
-
-
 def _check_endpoints(spec: FleetSpec, problems: Problems) -> None:
     owners: dict[str, int] = {}
     for agent, own in spec.agents.items():
@@ -125,49 +103,7 @@ def _check_endpoints(spec: FleetSpec, problems: Problems) -> None:
             owners[own.endpoint] = agent
 
 
-@dataclass(frozen=True)
-class _Shelf:
-    """Where plug-ins are looked up, and what is found wrong with them is noted."""
-
-    folder: Path
-    run: bool
-    problems: Problems
-    notes: list[str]
-
-    def check(self, group: str, kind: Kind, key: str, *, used: bool = True) -> None:
-        """Check a table that nothing overrides."""
-        if schema := self.schema(group, kind.kind, key, used=used):
-            self.compare(schema, kind.options, lambda option: f"{key}.{option}")
-            self.add_all(schema.missing(kind.options), lambda option: f"{key}.{option}")
-
-    def schema(self, group: str, kind: str, key: str, *, used: bool = True) -> Schema | None:
-        """The keys that `kind` accepts; None if they cannot be told. What nobody uses is not imported."""
-        try:
-            if (self.run and used) or is_built_in(group, kind):
-                plugin = load(group, kind, self.folder)
-                for text in check_signature(group, plugin):
-                    self.problems.add(f"{key}.kind", text)
-                return accepted(plugin)
-            if not self.run:
-                self.notes.append(f"{key}: {kind} was not run, so its keys are checked by name at most")
-            if split(kind):
-                return peek(kind, self.folder)
-            check_known(group, kind)
-        except PluginError as error:
-            self.problems.add(f"{key}.kind", "; ".join(error.problems))
-        return None
-
-    def compare(self, schema: Schema, options: Mapping[str, Any], key: Callable[[str], str]) -> None:
-        """Note the options that `schema` does not accept, under ``key(option)``."""
-        self.add_all(schema.convert(options)[1], key)
-
-    def add_all(self, texts: Mapping[str, str], key: Callable[[str], str]) -> None:
-        """Note all `texts`, by option, under ``key(option)``."""
-        for option, text in texts.items():
-            self.problems.add(key(option), text)
-
-
-def _check_problem(spec: FleetSpec, shelf: _Shelf) -> None:
+def _check_problem(spec: FleetSpec, shelf: Shelf) -> None:
     overrides = {agent: dict(own.problem) for agent, own in spec.agents.items()}
     for agent, own in spec.agents.items():
         if own.target is not None:
@@ -183,7 +119,7 @@ def _check_problem(spec: FleetSpec, shelf: _Shelf) -> None:
     _check_overridden(shelf, schema, spec.problem, "problem", overrides=overrides, users=spec.agents, key=key)
 
 
-def _check_plants(spec: FleetSpec, shelf: _Shelf) -> None:
+def _check_plants(spec: FleetSpec, shelf: Shelf) -> None:
     for name, kind in spec.plants.items():
         users = [agent for agent, own in spec.agents.items() if (own.plant or spec.plant) == name]
         overrides = {agent: own.plants[name] for agent, own in spec.agents.items() if name in own.plants}
@@ -196,7 +132,7 @@ def _check_plants(spec: FleetSpec, shelf: _Shelf) -> None:
 
 
 def _check_overridden(
-    shelf: _Shelf,
+    shelf: Shelf,
     schema: Schema | None,
     base: Kind,
     where: str,
@@ -223,12 +159,12 @@ def _check_overridden(
             shelf.problems.add(f"{where}.{option}" if everywhere else key(agent, option), text)
 
 
-def _check_graph(spec: FleetSpec, folder: Path, problems: Problems) -> None:
+def _check_graph(spec: FleetSpec, folder: Path, problems: Problems) -> Graph | None:
     try:
         graph = draw(spec, folder)
     except (PluginError, TopologyError) as error:
         problems.add("topology", "; ".join(error.problems).removeprefix("topology: "))
-        return
+        return None
     if spec.exchange.max_rounds <= graph.diameter:
         problems.add(
             "exchange.max_rounds",
@@ -239,3 +175,4 @@ def _check_graph(spec: FleetSpec, folder: Path, problems: Problems) -> None:
         weights_of(spec, graph)
     except TopologyError as error:
         problems.add("topology.weights", str(error))
+    return graph

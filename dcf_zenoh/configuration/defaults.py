@@ -3,12 +3,15 @@
 from pathlib import Path
 from typing import Any
 
+from dcf_zenoh.configuration.fault_links import options_of
 from dcf_zenoh.plugins import Schema, accepted, is_built_in, load
-from dcf_zenoh.spec import FleetSpec, Kind
+from dcf_zenoh.spec import FaultRule, Faults, FaultTable, FleetSpec, Kind
 
 
 def with_defaults(spec: FleetSpec, folder: Path, *, run_plugins: bool) -> FleetSpec:
     """The same fleet with the defaults of all plug-ins in use, as far as TOML can say them: None it cannot.
+
+    Faults that are switched off on all links are left out.
 
     Args:
         spec: A checked fleet.
@@ -24,6 +27,19 @@ def with_defaults(spec: FleetSpec, folder: Path, *, run_plugins: bool) -> FleetS
             return kind
         return kind.with_options({**_defaults(accepted(load(group, kind.kind, folder))), **kind.options})
 
+    def fill_fault(fault: FaultTable) -> FaultTable:
+        if not (run_plugins or is_built_in("faults", fault.kind)):
+            return fault
+        schema = accepted(load("faults", fault.kind, folder))
+        options = {**_defaults(schema), **options_of(fault, schema)}
+        return FaultTable(
+            kind=fault.kind, **{each.name: options[each.name] for each in schema.parameters if each.name in options}
+        )
+
+    def rule_with_defaults(rule: FaultRule) -> FaultRule:
+        return rule.model_copy(update={name: fault and fill_fault(fault) for name, fault in rule.faults.items()})
+
+    everywhere: dict[str, Any] = {name: fill_fault(fault) for name, fault in spec.faults.everywhere.items() if fault}
     in_use = {own.plant or spec.plant for own in spec.agents.values()}
     return spec.model_copy(
         update={
@@ -32,6 +48,7 @@ def with_defaults(spec: FleetSpec, folder: Path, *, run_plugins: bool) -> FleetS
             "algorithm": fill("algorithms", spec.algorithm),
             "controller": fill("controllers", spec.controller_kind),
             "plants": {name: fill("plants", kind) if name in in_use else kind for name, kind in spec.plants.items()},
+            "faults": Faults(rule=tuple(map(rule_with_defaults, spec.faults.rule)), **everywhere),
         }
     )
 

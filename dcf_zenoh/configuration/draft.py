@@ -7,6 +7,8 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
+from dcf_zenoh.configuration.changes import path_of, value_of, with_plain_id
+from dcf_zenoh.configuration.fault_entries import Spelling, is_fault, list_rules, number_rules
 from dcf_zenoh.configuration.wording import Problems, listed, nearest, show
 from dcf_zenoh.errors import ConfigurationError
 from dcf_zenoh.plugins import known, split
@@ -25,11 +27,12 @@ def built_in() -> dict[str, Path]:
     return {path.stem: path for path in paths if path.suffix == ".toml"}
 
 
-def read(source: str | Path) -> "Draft":
+def read(source: str | Path, *, run_plugins: bool = True) -> "Draft":
     """Read a fleet file.
 
     Args:
         source: A path, or the name of a built-in fleet.
+        run_plugins: Import the faults of others, to know their first keys.
 
     Raises:
         ConfigurationError: There is no such file, or it is not TOML.
@@ -52,8 +55,10 @@ def read(source: str | Path) -> "Draft":
         raise ConfigurationError(f"not TOML, which is UTF-8: {error}", str(path)) from error
     except OSError as error:
         raise ConfigurationError(f"cannot be read: {error.strerror}", str(path)) from error
-    draft = Draft(table, path.absolute().parent, str(path))
+    draft = Draft(table, path.absolute().parent, str(path), run_plugins)
     draft.check_ids()
+    number_rules(table, draft.problems)
+    draft.spelling.spell_out(table)
     return draft
 
 
@@ -65,6 +70,7 @@ class Draft:
         table: All of the file.
         folder: What the paths of plug-ins are relative to.
         source: The file, for messages.
+        run_plugins: Whether the plug-ins of others may be imported.
         notes: What the user should know, though nothing is wrong.
         problems: What is wrong.
     """
@@ -72,23 +78,29 @@ class Draft:
     table: dict[str, Any]
     folder: Path
     source: str
+    run_plugins: bool = True
     notes: list[str] = field(default_factory=list)
     problems: Problems = field(default_factory=Problems)
 
     def change(self, text: str) -> None:
         """Apply ``key.path=value``: the value in TOML, or else a string as it stands."""
         key, equals, value = text.partition("=")
-        path = _path(key)
+        path = path_of(key)
         if not (equals and path):
             self.problems.add(text, "expected key.path=value, such as time.duration=10.0")
             return
-        self.assign(path, _value(value.strip()))
+        self.assign(path, value_of(value.strip()))
 
     def assign(self, path: Sequence[str], value: Any) -> None:
         """Set one value; tables on the way to it are made. A new kind drops the keys of the old one."""
-        path = _with_plain_id(path)
+        path = with_plain_id(path)
+        if path[:2] == ("faults", "rule") and len(path) > 2 and not path[2].isdecimal():
+            self.problems.add(".".join(path), "cannot be set: rules have numbers, from 1 on in the order of the file")
+            return
         table = self.table
         for depth, key in enumerate(path[:-1], 1):
+            if is_fault(path[:depth]) and table.get(key) is False:  # switched on again
+                del table[key]
             child = table.setdefault(key, {})
             if not isinstance(child, dict):
                 self.problems.add(
@@ -99,7 +111,15 @@ class Draft:
         if _names_kind(path) and isinstance(value, str):
             value = self._from_here(value)
             self._drop_options(path[:-1], table, value)
+        if value is False and path[-1] in table and is_fault(path) and len(path) == 2:
+            del table[path[-1]]  # not there is switched off; what was never there may be misspelt
+            return
         table[path[-1]] = value
+        if path[0] == "faults":
+            number_rules(self.table, self.problems)
+            self.spelling.spell_out(self.table)
+            for fault, key in self.spelling.files(self.table, path):
+                fault[key] = self._file_from_here(fault[key])
 
     def choose_plant(self, name: str) -> None:
         """Give all agents the plant [plants.NAME], or one of the kind NAME."""
@@ -140,6 +160,8 @@ class Draft:
         if len(plants) == 1:
             self.table.setdefault("plant", next(iter(plants)))
         self.check_ids()
+        self.spelling.check(self.table, self.problems)
+        list_rules(self.table, self.problems)
 
     def check_ids(self) -> None:
         """Bring the ids of agents into their plain form, and take out what is no id."""
@@ -147,7 +169,7 @@ class Draft:
         if not isinstance(agents, dict):
             return
         for key in list(agents):
-            _, plain = _with_plain_id(("agents", key))
+            _, plain = with_plain_id(("agents", key))
             if not (plain.isascii() and plain.isdecimal()):
                 self.problems.add(f"agents.{key}", f"the id of an agent is a whole number >= 0, not {key!r}")
                 del agents[key]
@@ -156,8 +178,14 @@ class Draft:
                     self.problems.add(f"agents.{key}", f"the same agent as agents.{plain}")
                 agents[plain] = agents.pop(key)
 
+    @property
+    def spelling(self) -> Spelling:
+        """How faults are spelled out."""
+        return Spelling(self.folder, self.run_plugins)
+
     def _drop_options(self, path: Sequence[str], table: dict[str, Any], new: str) -> None:
-        old = table.get("kind", path[-1] if len(path) == 2 else _DEFAULT_TOPOLOGY if path == ("topology",) else None)
+        named = len(path) == 2 or is_fault(path)
+        old = table.get("kind", path[-1] if named else _DEFAULT_TOPOLOGY if path == ("topology",) else None)
         if old in (None, new):
             return
         dropped = [
@@ -176,10 +204,12 @@ class Draft:
     def _from_here(self, kind: str) -> str:
         """A kind given from outside: its file is looked for in the working directory, then beside the fleet file."""
         if in_file := split(kind):
-            path = Path(in_file[0]).resolve()
-            if path.is_file() and path != (self.folder / in_file[0]).resolve():
-                return f"{path}:{in_file[1]}"
+            return f"{self._file_from_here(in_file[0])}:{in_file[1]}"
         return kind
+
+    def _file_from_here(self, file: str) -> str:
+        path = Path(file).resolve()
+        return str(path) if path.is_file() and path != (self.folder / file).resolve() else file
 
     def _is_kind(self, key: str, group: str, name: str, tables: dict[str, Any]) -> bool:
         kinds = sorted(known(group))
@@ -199,36 +229,6 @@ class Draft:
 
 
 def _names_kind(path: Sequence[str]) -> bool:
-    plural = path[0] in ("plants", "algorithms")
-    single = path[0] in ("topology", "problem", "algorithm", "controller")
-    return path[-1] == "kind" and ((plural and len(path) == 3) or (single and len(path) == 2))
-
-
-def _with_plain_id(path: Sequence[str]) -> tuple[str, ...]:
-    """``agents.01.start`` is ``agents.1.start``."""
-    head, *rest = path
-    if head == "agents" and rest and rest[0].isascii() and rest[0].isdecimal():
-        rest[0] = str(int(rest[0]))
-    return (head, *rest)
-
-
-def _path(key: str) -> tuple[str, ...]:
-    """The parts of a dotted key; none if it is not one."""
-    try:
-        nested: Any = tomllib.loads(f"{key} = 0")
-    except tomllib.TOMLDecodeError:  # Zenoh's keys have slashes
-        parts = tuple(part.strip() for part in key.split("."))
-        return parts if all(parts) else ()
-    path = []
-    while isinstance(nested, dict) and len(nested) == 1:
-        ((part, nested),) = nested.items()
-        path.append(part)
-    return tuple(path)
-
-
-def _value(text: str) -> Any:
-    try:
-        table = tomllib.loads(f"it = {text}")
-    except tomllib.TOMLDecodeError:
-        return text
-    return table["it"] if len(table) == 1 else text
+    plural = path[0] in ("plants", "algorithms") and len(path) == 3
+    single = path[0] in ("topology", "problem", "algorithm", "controller") and len(path) == 2
+    return path[-1] == "kind" and (plural or single or is_fault(path[:-1]))

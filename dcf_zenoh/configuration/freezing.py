@@ -7,22 +7,24 @@ import os
 import sys
 import tomllib
 from collections.abc import Iterable, Iterator, Sequence
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any
 
+from dcf_zenoh.configuration.fault_entries import RULE_KEYS
 from dcf_zenoh.configuration.loaded_fleet import LoadedFleet
 from dcf_zenoh.configuration.validation import validate
 from dcf_zenoh.configuration.wording import Problems
 from dcf_zenoh.configuration.writing import table_of, toml
 from dcf_zenoh.errors import ConfigurationError, PluginError, RecordingError
-from dcf_zenoh.plugins import split
+from dcf_zenoh.plugins import load, split
 
 
 def freeze(fleet: LoadedFleet, run_directory: Path) -> LoadedFleet:
-    """Write into `run_directory` all that a run needs to be repeated: the fleet file, and plug-ins that are files.
+    """Write into `run_directory` all that a run needs to be repeated: the fleet file, and the files it names.
 
-    Writes ``fleet.toml``, with all defaults; ``plugins/*.py``, copies that it refers to; and ``plugins.json``, the
-    SHA-256 of each copy, and by its name of the source of each plug-in that is a module.
+    Writes ``fleet.toml``, with all defaults; ``plugins/*.py`` and ``profiles/*``, copies of plug-ins and of files that
+    faults read, which it refers to; and ``plugins.json``, the SHA-256 of each copy, and by its name of the source of
+    each plug-in that is a module.
 
     Returns:
         The frozen fleet, not checked again.
@@ -46,14 +48,23 @@ def _write_all(fleet: LoadedFleet, run_directory: Path) -> Path:
     table = table_of(fleet.spec)
     copies: dict[Path, str] = {}
     digests: dict[str, str] = {}
-    for choice in _kinds(table):
+
+    def copy(file: str, to: str, owner: str) -> str:
+        """Copy a file, once; the name of the copy."""
+        path = (fleet.folder / file).resolve()
+        if path not in copies:
+            copies[path] = name = _free_name(f"{to}/{path.name}", copies.values())
+            digests[name] = _copy(path, run_directory / name, owner)
+        return copies[path]
+
+    for choice in _faults(table):
+        for key in getattr(load("faults", choice["kind"], fleet.folder), "FILES", ()):
+            if isinstance(choice.get(key), str):
+                choice[key] = copy(choice[key], "profiles", choice["kind"])
+    for choice in (*_kinds(table), *_faults(table)):
         kind: str = choice["kind"]
         if in_file := split(kind):
-            path = (fleet.folder / in_file[0]).resolve()
-            if path not in copies:
-                copies[path] = _free_name(path.stem, copies.values())
-                digests[copies[path]] = _copy(path, run_directory / copies[path], kind)
-            choice["kind"] = f"./{copies[path]}:{in_file[1]}"
+            choice["kind"] = f"./{copy(in_file[0], 'plugins', kind)}:{in_file[1]}"
         elif ":" in kind and (source := _source_of(kind.partition(":")[0])):
             digests[kind.partition(":")[0]] = hashlib.sha256(source.read_bytes()).hexdigest()
     _write(run_directory / "plugins.json", (json.dumps(digests, indent=2) + "\n").encode())
@@ -76,13 +87,20 @@ def _kinds(table: dict[str, Any]) -> Iterator[dict[str, Any]]:
         yield from table.get(family, {}).values()
 
 
-def _free_name(stem: str, taken: Iterable[str]) -> str:
-    """``plugins/STEM.py``, or with a number where that is taken."""
+def _faults(table: dict[str, Any]) -> Iterator[dict[str, Any]]:
+    """The tables of all faults."""
+    faults = table.get("faults", {})
+    for owner in (faults, *faults.get("rule", ())):
+        yield from (each for key, each in owner.items() if key not in ("rule", *RULE_KEYS) and each)
+
+
+def _free_name(name: str, taken: Iterable[str]) -> str:
+    """``plugins/STEM.py``, or ``plugins/STEM_2.py`` and so on where that is taken."""
     names: Sequence[str] = list(taken)
-    number, name = 1, f"plugins/{stem}.py"
+    path, number = PurePosixPath(name), 1
     while name in names:
         number += 1
-        name = f"plugins/{stem}_{number}.py"
+        name = str(path.with_stem(f"{path.stem}_{number}"))
     return name
 
 

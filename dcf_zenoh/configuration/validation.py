@@ -26,7 +26,8 @@ def validate(table: dict[str, Any], problems: Problems) -> FleetSpec | None:
             for each in error.errors(include_url=False, include_context=False):
                 place = _find(each["loc"])
                 value = _take(table, place.path)
-                problems.add(".".join(place.path), _text(place, each["type"], value))
+                inside = len(each["loc"]) > len(place.path)  # what is wrong with a value is not said of its parts
+                problems.add(".".join(place.path), _text(place, "" if inside else each["type"], value))
             table.setdefault("name", "unnamed")
     return None
 
@@ -43,13 +44,19 @@ class _Place:
 
 
 def _find(location: tuple[int | str, ...]) -> _Place:
-    """Follow pydantic's location through the tables, and not into lists."""
+    """Follow pydantic's location through the tables and lists of tables, and not into other lists.
+
+    What is in a list has a number, from 1 on.
+    """
     path: tuple[str, ...] = ()
     place = _Place(path, FleetSpec, (), "", ())
-    for part in map(str, location):
-        path = (*path, part)
+    for here in location:
         kind = _bare(place.type)
-        if isinstance(kind, type) and issubclass(kind, Table):
+        part = str(here + 1 if isinstance(here, int) and get_origin(kind) is tuple else here)
+        path = (*path, part)
+        if get_origin(kind) is tuple and _is_table(get_args(kind)[0]):
+            place = _Place(path, get_args(kind)[0], (), "", ())
+        elif _is_table(kind):
             fields = {field.alias or name: field for name, field in kind.model_fields.items()}
             field = fields.get(part)
             if field is None:
@@ -60,6 +67,10 @@ def _find(location: tuple[int | str, ...]) -> _Place:
         else:
             break
     return place
+
+
+def _is_table(kind: Any) -> bool:
+    return isinstance(kind, type) and issubclass(kind, Table)
 
 
 def _bare(annotation: Any) -> Any:
@@ -74,7 +85,11 @@ def _bare(annotation: Any) -> Any:
 def _take(table: Any, path: tuple[str, ...]) -> Any:
     """Take the value at `path` out of `table`; None if it is not there (any more)."""
     for key in path[:-1]:
-        table = table.get(key, {})
+        table = table[int(key) - 1] if isinstance(table, list) else table.get(key, {})
+    if isinstance(table, list):  # the others keep their numbers
+        place = int(path[-1]) - 1
+        value, table[place] = table[place], {}
+        return value
     return table.pop(path[-1], None)
 
 

@@ -97,6 +97,8 @@ def _bounds(metadata: Iterable[object]) -> str:
 
 
 def _singular(annotation: Any) -> str:
+    if get_origin(annotation) is Annotated:
+        annotation = get_args(annotation)[0]
     origin, arguments = get_origin(annotation) or annotation, get_args(annotation)
     if annotation in _NAMES:
         return _NAMES[annotation]

@@ -1,12 +1,13 @@
 """Model predictive control: share the measured states, solve the game they make, apply its first input."""
 
-from collections.abc import Mapping
-from typing import Protocol
+from collections.abc import Collection, Mapping
+from typing import Literal, Protocol, cast
 
 import numpy as np
 
 from dcf_zenoh.algorithms.algorithm import Algorithm, Dialogue, Me, solve
 from dcf_zenoh.controllers.controller import Controller, Decision
+from dcf_zenoh.controllers.others import Others, Signed, Signs
 from dcf_zenoh.controllers.sharing import share_states
 from dcf_zenoh.plant import Array, Setpoint, State
 
@@ -19,10 +20,29 @@ class StepProblem(Protocol):
 
 
 class RecedingHorizonProblem(Protocol):
-    """A problem that is posed anew at every step, from the measured states of all agents."""
+    """A problem that is posed anew at every step, from the states of all agents.
+
+    If it has a method `signs` too, it is taken to be a `SignedProblem`.
+    """
 
     def at(self, states: Mapping[int, Array]) -> StepProblem:
         """The step's problem, given agent -> [position, velocity], shape (2d,)."""
+
+
+class SignedProblem(Signed, Protocol):
+    """A problem in which pairs of agents must choose alike, and which knows what to do about agents that are lost.
+
+    Any other problem is told the last position of a lost agent as its state, and rest as its velocity.
+    """
+
+    def at(self, states: Mapping[int, Array], *, signs: Signs, lost: Collection[int]) -> StepProblem:
+        """The step's problem.
+
+        Args:
+            states: Agent -> [position, velocity], shape (2d,).
+            signs: What the pairs have chosen; for a pair that is not there, what `states` ask for.
+            lost: Agents that take no part in solving it.
+        """
 
 
 class RecedingHorizon(Controller):
@@ -32,27 +52,95 @@ class RecedingHorizon(Controller):
         problem: Poses the game of each step.
         algorithm: Solves it, in rounds with the neighbours.
         me: This agent.
+        sample_time: t_s, in s.
+        sharing: How the agents learn of each other's states. "flood": in as many rounds as the graph's diameter, in
+            which nothing may be lost, or there is no setpoint. "ride": on every message of every round; a state
+            that did not come in time is predicted, at constant velocity, from the newest one that did.
+        predict_delay: Time from the measurement until the setpoint acts, in s. The problem starts from the own
+            state predicted for then, under the acceleration that is being flown.
+        lost_after: With "ride", an agent whose newest state is older than this, in s, is kept clear of where it
+            was last and takes no part.
+
+    Raises:
+        ValueError: A time is negative.
     """
 
-    def __init__(self, problem: RecedingHorizonProblem, algorithm: Algorithm, me: Me) -> None:
+    def __init__(
+        self,
+        problem: RecedingHorizonProblem | SignedProblem,
+        algorithm: Algorithm,
+        me: Me,
+        sample_time: float,
+        *,
+        sharing: Literal["flood", "ride"] = "flood",
+        predict_delay: float = 0.0,
+        lost_after: float = 0.6,
+    ) -> None:
+        for name, value in (("predict_delay", predict_delay), ("lost_after", lost_after)):
+            if not value >= 0:
+                raise ValueError(f"{name} must be a time >= 0, in s, not {value}")
         self._problem = problem
         self._algorithm = algorithm
         self._me = me
+        self._predict_delay = predict_delay
+        self._others = Others(me, problem, sample_time, lost_after) if sharing == "ride" else None
         self._posed: StepProblem | None = None
         self._decision: Array = np.empty(0)
         self._stage = 0
+        self._flown: Setpoint | None = None
 
-    def control(self, state: State) -> Dialogue[Decision]:
-        """Share states in as many rounds as the graph's diameter, then solve."""
-        states, in_time = yield from share_states(self._me, state.vector)
-        if not in_time or len(states) < self._me.count:
-            return Decision(None, np.empty(0))
-        posed = self._problem.at(states)
-        result = yield from solve(self._algorithm, posed, self._me)
-        self._posed, self._decision, self._stage = posed, result.decision, 0
-        return Decision(posed.setpoint(result.decision, 0), result.decision)
+    def control(self, state: State, step: int) -> Dialogue[Decision]:
+        """Share states, then solve."""
+        own = self._ahead(state)
+        self._flown = None
+        if self._others is None:
+            return (yield from self._flood(own))
+        return (yield from self._ride(self._others, own, step))
 
     def next_of_plan(self) -> Setpoint | None:
         """One stage further in the last plan."""
         self._stage += 1
-        return None if self._posed is None else self._posed.setpoint(self._decision, self._stage)
+        self._flown = None if self._posed is None else self._posed.setpoint(self._decision, self._stage)
+        return self._flown
+
+    def _flood(self, own: Array) -> Dialogue[Decision]:
+        states, in_time = yield from share_states(self._me, own)
+        if not in_time or len(states) < self._me.count:
+            return Decision(None, np.empty(0), {"unknown_agents": self._me.count - len(states)})
+        posed = cast(RecedingHorizonProblem, self._problem).at(states)
+        result = yield from solve(self._algorithm, posed, self._me)
+        return self._plan(posed, result.decision, {})
+
+    def _ride(self, others: Others, own: Array, step: int) -> Dialogue[Decision]:
+        sight = yield from others.meet(own, step)
+        if sight is None:
+            return Decision(None, np.empty(0), {"unknown_agents": len(others.unknown)})
+        if isinstance(self._problem, Signed):
+            posed = cast(SignedProblem, self._problem).at(sight.states, signs=sight.signs, lost=sight.lost)
+        else:
+            posed = self._problem.at(sight.states)
+        result = yield from others.carrier.carry(solve(self._algorithm, posed, self._me))
+        notes = {
+            "predicted": sight.predicted,
+            "lost_agents": len(sight.lost),
+            "sign_disagreements": others.disagreements(sight, step),
+        }
+        return self._plan(posed, result.decision, notes)
+
+    def _plan(self, posed: StepProblem, decision: Array, notes: Mapping[str, float]) -> Decision:
+        """Keep the plan, and decide on its first stage."""
+        self._posed, self._decision, self._stage = posed, decision, 0
+        self._flown = posed.setpoint(decision, 0)
+        return Decision(self._flown, decision, notes)
+
+    def _ahead(self, state: State) -> Array:
+        """Where the body will be when the setpoint acts; without a setpoint being flown, at constant velocity."""
+        delay = self._predict_delay
+        if not delay:
+            return state.vector
+        flown = None if self._flown is None else self._flown.acceleration
+        acceleration = np.zeros_like(state.velocity) if flown is None else np.resize(flown, state.velocity.shape)
+        return np.concatenate((
+            state.position + state.velocity * delay + acceleration * (delay**2 / 2),
+            state.velocity + acceleration * delay,
+        ))

@@ -19,7 +19,7 @@ class SolveOnce(Controller):
         self._algorithm = algorithm
         self._me = me
 
-    def control(self, state: State) -> Dialogue[Decision]:  # noqa: ARG002
+    def control(self, state: State, step: int) -> Dialogue[Decision]:  # noqa: ARG002
         """Run the algorithm on the problem."""
         result = yield from solve(self._algorithm, self._problem, self._me)
         return Decision(Setpoint(), result.decision)

@@ -36,11 +36,15 @@ class Fault(ABC):
         STAGE: Where it stands in the chain.
         LOSES: Whether it can lose messages.
         FILES: Keys that name files, relative to the fleet file; they are copied into the directory of a run.
+        AGENTS: Keys that name agents, by their ids or in lists of them.
+        NEEDS_POSITIONS: Whether messages must carry their sender's position, and `Delivery.here` the receiver's.
     """
 
     STAGE: ClassVar[Stage] = Stage.LOSS
     LOSES: ClassVar[bool] = True
     FILES: ClassVar[tuple[str, ...]] = ()
+    AGENTS: ClassVar[tuple[str, ...]] = ()
+    NEEDS_POSITIONS: ClassVar[bool] = False
 
     @abstractmethod
     def apply(self, delivery: Delivery, rng: np.random.Generator) -> Sequence[Delivery]:

@@ -63,7 +63,8 @@ class Link:
         key = np.random.SeedSequence([seed, sender, receiver]).generate_state(2, np.uint64)
         self._philox = np.random.Philox(key=key)
         self._rng = np.random.Generator(self._philox)
-        self._state = self._philox.state
+        self._state = self._philox.state  # nothing drawn yet, and it stays so but for the counter
+        self._counter = self._state["state"]["counter"]
         self._layers = {layer.name: layer for layer in layers}
         self._order()
 
@@ -74,19 +75,17 @@ class Link:
 
     def convey(self, delivery: Delivery) -> Passage:
         """Lead one message through the chain. Messages come in the order in which they were sent."""
-        message = delivery.message
         deliveries = [delivery]
+        self._counter[1], self._counter[3] = delivery.message.sequence, delivery.message.incarnation
         for layer in self._chain:
             fault = layer.acting(delivery.entered)
             if fault is None:
                 continue
-            self._seek(message.sequence, layer.place, message.incarnation)
-            if len(deliveries) == 1:
-                deliveries = list(fault.apply(deliveries[0], self._rng))
-                if not deliveries:
-                    return Passage(deliveries, layer.name)
-            else:
-                deliveries = [after for each in deliveries for after in fault.apply(each, self._rng)]
+            self._counter[2] = layer.place
+            self._philox.state = self._state  # the random numbers of this message and place in the chain
+            deliveries = [after for each in deliveries for after in fault.apply(each, self._rng)]
+            if not deliveries:
+                return Passage(deliveries, layer.name)
         return Passage(deliveries, "")
 
     def _order(self) -> None:
@@ -96,11 +95,3 @@ class Link:
             return min((fault.STAGE for _, fault in layer.entries if fault is not None), default=0), layer.name
 
         self._chain = sorted(self._layers.values(), key=stage)
-
-    def _seek(self, sequence: int, place: int, incarnation: int) -> None:
-        """Set the random numbers to those of one message and one place in the chain."""
-        state = self._state
-        counter = state["state"]["counter"]
-        counter[0], counter[1], counter[2], counter[3] = 0, sequence, place, incarnation
-        state["buffer_pos"] = 4
-        self._philox.state = state

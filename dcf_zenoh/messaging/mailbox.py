@@ -3,29 +3,24 @@
 from bisect import insort
 from collections import deque
 from collections.abc import Iterable
-from typing import NamedTuple
 
+from dcf_zenoh.messaging.delivery import Delivery
 from dcf_zenoh.messaging.message import Last, Message
 from dcf_zenoh.requests import NEVER
-
-
-class Delivery(NamedTuple):
-    """A message and the fleet time, in ns, at which it is there for the receiver."""
-
-    message: Message
-    due: int
 
 
 class _Sender:
     """The queue of one in-neighbour."""
 
-    __slots__ = ("ahead", "farewell", "known", "next", "ready", "skipped")
+    __slots__ = ("ahead", "farewell", "incarnation", "known", "next", "promise", "ready", "skipped")
 
-    def __init__(self) -> None:
+    def __init__(self, incarnation: int = 0) -> None:
+        self.incarnation = incarnation
         self.next = 0  # the sequence number that continues `ready`
         self.ready: deque[Delivery] = deque()
         self.ahead: list[tuple[int, Delivery]] = []  # ascending; arrived before a number that is still missing
         self.known = (-2, 0)  # heard without a gap up to this (step, round)
+        self.promise = -NEVER  # will send nothing before this instant
         self.farewell = Last.NO
         self.skipped: set[int] = set()  # numbers given up
 
@@ -33,9 +28,13 @@ class _Sender:
         message = delivery.message
         self.next = message.sequence + 1
         self.ready.append(delivery)
+        self.promise = max(self.promise, message.promise)
         if message.last >= Last.DONE:
             self.farewell = message.last
             self.known = (NEVER, 0)
+            self.promise = NEVER
+        elif message.last is Last.AWAY:
+            self.known = max(self.known, (message.step - 1, NEVER))
         else:
             self.known = (message.step, NEVER if message.last else message.round)
 
@@ -47,7 +46,7 @@ class Mailbox:
 
     Attributes:
         duplicates: Messages dropped because their sequence number was already released.
-        overtaken: Messages dropped because they came after their number had been given up.
+        overtaken: Messages dropped because they came after their number had been given up, or from an earlier life.
         refused: Arrivals that were no messages.
         lost: Neighbours that died, and how that was noticed.
     """
@@ -59,24 +58,45 @@ class Mailbox:
         self.refused = 0
         self.lost: dict[int, str] = {}
 
-    def put(self, message: Message, due: int) -> None:
-        """Take in one message."""
+    def put(self, message: Message, entered: int, due: int | None = None) -> None:
+        """Take in one message.
+
+        Args:
+            message: What arrived.
+            entered: When it entered the link, fleet time in ns.
+            due: When it arrived, if that is another instant.
+        """
         sender = self._senders[message.sender]
-        if message.sequence in sender.skipped:
+        if message.incarnation > sender.incarnation:
+            sender = self.welcome(message.sender, message.incarnation)
+        delivery = Delivery(message, entered, entered if due is None else due)
+        if message.incarnation < sender.incarnation:
+            self.overtaken += 1
+        elif message.sequence in sender.skipped:
             sender.skipped.discard(message.sequence)
             self.overtaken += 1
         elif message.sequence < sender.next:
             self.duplicates += 1
         elif message.sequence == sender.next:
-            sender.append(Delivery(message, due))
+            sender.append(delivery)
             while sender.ahead and sender.ahead[0][0] <= sender.next:
-                number, delivery = sender.ahead.pop(0)
+                number, waiting = sender.ahead.pop(0)
                 if number == sender.next:
-                    sender.append(delivery)
+                    sender.append(waiting)
                 else:
                     self.duplicates += 1
         else:
-            insort(sender.ahead, (message.sequence, Delivery(message, due)), key=lambda entry: entry[0])
+            insort(sender.ahead, (message.sequence, delivery), key=lambda entry: entry[0])
+
+    def welcome(self, sender: int, incarnation: int) -> _Sender:
+        """Begin anew with `sender`, who was started again; what its earlier life sent and nobody read is gone."""
+        self.lost.pop(sender, None)
+        self._senders[sender] = _Sender(incarnation)
+        return self._senders[sender]
+
+    def incarnation(self, sender: int) -> int:
+        """Which life of `sender` is heard."""
+        return self._senders[sender].incarnation
 
     def knows(self, sender: int, step: int, round: int) -> bool:
         """Whether `sender` has been heard up to `round` of `step`: that message, a later one, or its goodbye."""
@@ -86,6 +106,10 @@ class Mailbox:
         """Those of `senders` who have not been heard so far."""
         need = (step, round)
         return tuple([j for j in senders if self._senders[j].known < need])
+
+    def unpromised(self, senders: Iterable[int], instant: int) -> tuple[int, ...]:
+        """Those of `senders` who may still send something before `instant`, ns."""
+        return tuple([j for j in senders if self._senders[j].promise < instant])
 
     def skip_gaps(self) -> None:
         """Give up numbers that have not come, where later ones have (the wall clock does, at a time-out)."""
@@ -115,6 +139,20 @@ class Mailbox:
         while ready and (ready[0].message.step, ready[0].message.round) <= (step, round):
             taken.append(ready.popleft())
         return taken
+
+    def take_before(self, sender: int, instant: int) -> list[Delivery]:
+        """Consume all of `sender` that entered the link before `instant`, ns, oldest first."""
+        ready = self._senders[sender].ready
+        taken = []
+        while ready and ready[0].entered < instant:
+            taken.append(ready.popleft())
+        return taken
+
+    def dead(self, sender: int) -> str:
+        """How it was noticed that `sender` died or failed; empty while it lives. A matter of real time."""
+        if sender in self.lost:
+            return self.lost[sender]
+        return "it stopped because of an error" if self.departed(sender) is Last.FAILED else ""
 
     def departed(self, sender: int) -> Last:
         """The goodbye of `sender`, as soon as it has arrived; `Last.NO` before.

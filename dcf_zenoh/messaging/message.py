@@ -6,6 +6,7 @@ travel as ``[dtype, shape, bytes]`` with a dtype from `DTYPES`, C order, little 
 
 from collections.abc import Mapping
 from enum import IntEnum
+from math import isfinite
 from operator import ge
 from typing import Any, NamedTuple, TypeAlias
 
@@ -34,9 +35,10 @@ class Last(IntEnum):
 
     NO = 0
     OF_STEP = 1  # nothing more in this control step: nobody needs to wait for the sender
-    DONE = 2  # the sender ran to its planned end
-    ARRIVED = 3  # the sender knows that the whole fleet has arrived
-    FAILED = 4  # the sender stops because of an error
+    AWAY = 2  # nothing before the message's step: in virtual time, for the runner alone, never seen by the model
+    DONE = 3  # the sender ran to its planned end
+    ARRIVED = 4  # the sender knows that the whole fleet has arrived
+    FAILED = 5  # the sender stops because of an error
 
 
 class Message(NamedTuple):
@@ -55,6 +57,7 @@ class Message(NamedTuple):
         promise: Fleet time before which the sender will send nothing more, in ns (asynchronous mode); else 0.
         last: Whether more will follow.
         residuals: Entry d is the largest residual within d hops of the sender, d rounds ago.
+        position: Where the sender is, in m; empty unless a fault of the fleet depends on it.
         payload: Names to arrays (read-only) or numbers.
     """
 
@@ -69,6 +72,7 @@ class Message(NamedTuple):
     promise: int
     last: Last
     residuals: tuple[float, ...]
+    position: tuple[float, ...]
     payload: Payload
 
 
@@ -158,7 +162,7 @@ def decode(data: bytes) -> Message:
         raise MessageError(f"version {fields[0]!r:.20} is not spoken here; expected {VERSION}")
     if len(fields) != len(Message._fields) + 1:
         raise MessageError(f"expected {len(Message._fields)} fields after the version, got {len(fields) - 1}")
-    numbers, residuals, payload = fields[1:-2], fields[-2], fields[-1]
+    numbers, residuals, position, payload = fields[1:-3], fields[-3], fields[-2], fields[-1]
     if tuple(map(type, numbers)) != _INTEGERS or not all(map(ge, numbers, _MINIMA)):
         for (name, least), value in zip(_LEAST.items(), numbers, strict=True):
             if type(value) is not int or value < least:
@@ -167,10 +171,12 @@ def decode(data: bytes) -> Message:
         raise MessageError(f"last: expected 0 to {int(Last.FAILED)}, got {numbers[-1]}")
     if type(residuals) is not tuple or any(type(r) is not float or r != r for r in residuals):  # noqa: PLR0124 - NaN
         raise MessageError(f"residuals: expected floats, got {residuals!r:.60}")
+    if type(position) is not tuple or any(type(x) is not float or not isfinite(x) for x in position):
+        raise MessageError(f"position: expected finite floats, got {position!r:.60}")
     if type(payload) is not dict:
         raise MessageError(f"payload: expected a map, got {type(payload).__name__}")
     return Message(  # type: ignore[call-arg]
-        *numbers[:-1], _LAST[numbers[-1]], residuals, {name: _value(name, payload[name]) for name in payload}
+        *numbers[:-1], _LAST[numbers[-1]], residuals, position, {name: _value(name, payload[name]) for name in payload}
     )
 
 

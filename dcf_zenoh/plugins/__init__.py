@@ -1,4 +1,4 @@
-"""Plug-ins: how the kinds of a fleet file become algorithms, controllers, problems, plants and topologies.
+"""Plug-ins: how the kinds of a fleet file become algorithms, problems, plants, faults and so on.
 
 A kind is the name of a built-in or installed entry point (group ``dcf_zenoh.<group>``), ``package.module:Name``, or
 ``./file.py:Name`` relative to the fleet file. A plug-in in a file stands alone: it can import whatever is installed,
@@ -13,6 +13,7 @@ from dcf_zenoh.plugins.calling import (
     check_positional,
     check_signature,
     create,
+    positional,
 )
 from dcf_zenoh.plugins.loading import Plugin, check_known, is_built_in, known, load
 from dcf_zenoh.plugins.plugin_file import peek, split
@@ -36,5 +37,6 @@ __all__ = [
     "known",
     "load",
     "peek",
+    "positional",
     "split",
 ]

@@ -16,6 +16,7 @@ CONTEXT: Mapping[str, tuple[str, ...]] = {
     "problems": ("agent", "agents", "sample_time"),
     "plants": ("agent", "start", "sample_time", "rng"),
     "topologies": ("agents",),
+    "faults": ("sender", "receiver", "folder"),
 }
 GROUPS = tuple(CONTEXT)
 
@@ -31,7 +32,7 @@ def create(plugin: Plugin, context: Mapping[str, Any], options: Mapping[str, Any
     if problems:
         raise PluginError(problems)
     try:
-        return plugin(*(context[name] for name in _positional(plugin)), **values)
+        return plugin(*(context[name] for name in positional(plugin)), **values)
     except Exception as error:
         raise PluginError(f"{where}: {name_of(plugin)} refused its options: {reason(error)}") from error
 
@@ -62,7 +63,7 @@ def check_positional(plugin: Plugin, context: Iterable[str]) -> list[str]:
     return [
         f"{name_of(plugin)} has a positional parameter {name!r}{nearest(name, names)} allowed: {listed(names)};"
         " keys of the fleet file go after '*'"
-        for name in _positional(plugin)
+        for name in positional(plugin)
         if name not in names
     ]
 
@@ -71,12 +72,13 @@ def check_signature(group: str, plugin: Plugin) -> list[str]:
     """One line for each thing about the positional parameters that does not fit `group`."""
     if group != "algorithms":
         return check_positional(plugin, CONTEXT[group])
-    names = _positional(plugin)
+    names = positional(plugin)
     if len(names) == 2:
         return []
     return [f"{name_of(plugin)}: an algorithm's signature is (problem, me, *, options), not ({listed(names)}, ...)"]
 
 
-def _positional(plugin: Plugin) -> list[str]:
+def positional(plugin: Plugin) -> list[str]:
+    """Names of the parameters that the framework fills."""
     parameters = signature_of(plugin).parameters.values()
     return [p.name for p in parameters if p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD)]

@@ -69,6 +69,11 @@ class Schema:
     parameters: tuple[Parameter, ...]
     shared: tuple[str, ...] = ()
 
+    @property
+    def first(self) -> str:
+        """The key that a bare value in place of a table is for; ``value`` if there are no keys."""
+        return self.parameters[0].name if self.parameters else "value"
+
     def convert(self, options: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, str]]:
         """The values the plug-in gets, and key -> what is wrong with it."""
         known = {parameter.name: parameter for parameter in self.parameters}

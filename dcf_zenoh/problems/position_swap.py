@@ -1,7 +1,8 @@
 """Agents change places in the plane, each predicting its own motion, none closer to another than a diamond."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from itertools import combinations
+from types import MappingProxyType
 
 import numpy as np
 from scipy.linalg import solve_discrete_are
@@ -9,6 +10,7 @@ from scipy.linalg import solve_discrete_are
 from dcf_zenoh.plant import Array, Setpoint, State, read_only
 
 SAME_COORDINATE = 1e-9  # m; closer than this, positions are equal and the lower id counts as the greater
+_NO_SIGNS: Mapping[tuple[int, int], Array] = MappingProxyType({})
 
 
 def _square(values: float | Sequence[float], size: int, name: str) -> Array:
@@ -123,17 +125,39 @@ class PositionSwap:
         """Distance to the target in the plane, in m."""
         return float(np.hypot(*(state.position[:2] - self.target)))
 
-    def at(self, states: Mapping[int, Array]) -> "SwapGame":
+    def signs(self, states: Mapping[int, Array]) -> dict[tuple[int, int], Array]:
+        """On which side of each other this agent and every other are.
+
+        Args:
+            states: Agent -> [position, velocity], shape (2 d,) with d 2 or 3, of some agents.
+
+        Returns:
+            Pair i < j -> signs of p_i - p_j in x and y, shape (2,), each 1 or -1; equal coordinates count as 1. Of
+            the pairs that this agent is in, and of which both states are given.
+        """
+        own = [pair for pair in self.pairs if self.agent in pair and pair[0] in states and pair[1] in states]
+        return {(i, j): np.where(states[i][:2] - states[j][:2] > -SAME_COORDINATE, 1.0, -1.0) for i, j in own}
+
+    def at(
+        self,
+        states: Mapping[int, Array],
+        *,
+        signs: Mapping[tuple[int, int], Array] = _NO_SIGNS,
+        lost: Collection[int] = (),
+    ) -> "SwapGame":
         """The game of one control step.
 
         Args:
             states: Agent -> [position, velocity], shape (2 d,) with d 2 or 3, of every agent.
+            signs: Pair i < j -> signs to be used for it instead of those of `states`. Both agents of a pair must use
+                the same.
+            lost: Agents that take no part. The others keep clear of where they are, which is taken to stay.
         """
         planar = {}
         for agent, state in states.items():
             half = len(state) // 2
             planar[agent] = np.array([*state[:2], *state[half : half + 2]])
-        return SwapGame(self, planar)
+        return SwapGame(self, planar, {**self.signs(planar), **signs}, lost)
 
 
 class SwapGame:
@@ -149,7 +173,13 @@ class SwapGame:
         rows: Number of coupling constraints.
     """
 
-    def __init__(self, problem: PositionSwap, states: Mapping[int, Array]) -> None:
+    def __init__(
+        self,
+        problem: PositionSwap,
+        states: Mapping[int, Array],
+        signs: Mapping[tuple[int, int], Array],
+        lost: Collection[int],
+    ) -> None:
         self._problem = problem
         self._state = states[problem.agent]
         deviation = self._state - np.array([*problem.target, 0.0, 0.0])
@@ -157,27 +187,33 @@ class SwapGame:
         self._slope = 2 * problem.linear @ deviation
         self._end_free = problem.end_free @ self._state
         self.rows = problem.rows
-        self.A, self.b = self._barriers(states)
+        self.A, self.b = self._barriers(states, signs, lost)
 
-    def _barriers(self, states: Mapping[int, Array]) -> tuple[Array, Array]:
-        """The agent's share of the barrier rows, with signs held from the measured positions.
+    def _barriers(
+        self, states: Mapping[int, Array], signs: Mapping[tuple[int, int], Array], lost: Collection[int]
+    ) -> tuple[Array, Array]:
+        """The agent's share of the barrier rows, with signs held over the horizon.
 
         With w = (s_x / r1, s_y / r2) and delta the position difference of a pair, the barrier
         h = |delta_x| / r1 + |delta_y| / r2 - 1 is at least w . delta - 1, and the rows keep
-        w . (delta[l+1] - (1 - gamma) delta[l]) - gamma >= 0, half of gamma charged to each of the two.
+        w . (delta[l+1] - (1 - gamma) delta[l]) - gamma >= 0, half of gamma charged to each of the two. A share alone
+        means nothing, as it depends on where the origin is; so the share of a lost agent, which stands still
+        (u_j = 0), is charged to the living one too.
         """
         problem = self._problem
         A, b = np.zeros((self.rows, 2 * problem.horizon)), np.zeros(self.rows)
         for pair, (i, j) in enumerate(problem.pairs):
             if problem.agent not in (i, j):
                 continue
-            apart = states[i][:2] - states[j][:2]
-            signs = np.where(apart > -SAME_COORDINATE, 1.0, -1.0)
-            w = (1.0 if problem.agent == i else -1.0) * signs / np.array(problem.radii)
+            other = j if problem.agent == i else i
+            w = (1.0 if problem.agent == i else -1.0) * signs[i, j] / np.array(problem.radii)
             for stage in range(problem.horizon):
                 row, scale = pair * problem.horizon + stage, problem.row_scale[stage]
                 A[row] = -scale * (w @ problem.barrier_input[stage])
                 b[row] = scale * (w @ problem.barrier_state[stage] @ self._state - problem.barrier_decay / 2)
+                if other in lost:
+                    resting = np.array([*states[other][:2], 0.0, 0.0])
+                    b[row] -= scale * (w @ problem.barrier_state[stage] @ resting + problem.barrier_decay / 2)
         return A, b
 
     def start(self, last: Array | None) -> Array:

@@ -9,8 +9,8 @@ from scipy.io import loadmat
 import dcf_zenoh
 from agentd.export import export
 from dcf_zenoh import Run
+from dcf_zenoh.agent_log import AgentLog
 from dcf_zenoh.errors import ConfigurationError, RecordingError
-from dcf_zenoh.run import AgentLog
 
 
 @pytest.fixture(scope="module")

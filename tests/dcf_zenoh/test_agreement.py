@@ -28,7 +28,7 @@ def play(
     for round, now in enumerate(residuals):
         headers = {i: agreements[i].header(now[i]) for i in graph.agents}
         sent = {
-            i: Message(i, 0, round, 0, round, 0, h.stop_at, h.settled_hops, 0, Last.NO, h.residuals, {})
+            i: Message(i, 0, round, 0, round, 0, h.stop_at, h.settled_hops, 0, Last.NO, h.residuals, (), {})
             for i, h in headers.items()
         }
         for i in graph.agents:

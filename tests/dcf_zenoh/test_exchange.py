@@ -13,8 +13,10 @@ from dcf_zenoh.exchange import Exchange, Outcome
 from dcf_zenoh.graph import Neighbourhood
 from dcf_zenoh.messaging.mailbox import Mailbox
 from dcf_zenoh.messaging.message import Last, Message, Payload
+from dcf_zenoh.reception import Reception
 from dcf_zenoh.requests import NEVER, Publish, Wait
 from dcf_zenoh.spec import Rounds
+from dcf_zenoh.transmission import Transmission
 
 HOOD = Neighbourhood((2, 3), (2, 3), {1: 0.4, 2: 0.3, 3: 0.3}, 1, doubly_stochastic=True)
 MS = 1_000_000
@@ -29,7 +31,9 @@ class Bench:
 
     def __init__(self, answer: Callable[[int, int], tuple[Payload, int] | None], **settings: Any) -> None:
         self.mailbox = Mailbox(HOOD.receives_from)
-        self.exchange = Exchange(1, lambda _step: HOOD, Rounds(**settings), self.mailbox, lambda: 0)
+        rounds = Rounds(**settings)
+        reception = Reception(self.mailbox, hold=rounds.missing == "hold", silent_after=rounds.silent_after)
+        self.exchange = Exchange(1, lambda _step: HOOD, rounds, self.mailbox, reception, Transmission(1), lambda: 0)
         self.answer = answer
         self.published: list[Publish] = []
         self.now = 0
@@ -58,11 +62,10 @@ class Bench:
         answer = self.answer(sender, request.round)
         if answer is not None:
             payload, due = answer
-            sequence = 100 * request.step + request.round
-            self.mailbox.put(
-                Message(sender, 0, sequence, request.step, request.round, 0, -1, -1, 0, Last.NO, (math.inf,), payload),
-                due,
-            )
+            sequence, residuals = 100 * request.step + request.round, (math.inf,)
+            place = request.step, request.round
+            message = Message(sender, 0, sequence, *place, 0, -1, -1, 0, Last.NO, residuals, (), payload)
+            self.mailbox.put(message, due)
             self.mailbox.skip_gaps()
 
 

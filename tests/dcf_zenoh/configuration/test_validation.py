@@ -28,7 +28,7 @@ from tests.fleet_files import problems
         ("agents.2=3", "agents.2: expected a table, not 3"),
         ("agents={}", "agents: expected a table, not {}"),
         ("plants=3", "plants: expected a table (plants by name), not 3"),
-        ("fautls={}", "fautls: a fleet file has no key 'fautls'; accepted: name, seed, plant, time, "),
+        ("fautls={}", "fautls: a fleet file has no key 'fautls'; did you mean 'faults'? accepted: name, seed, plant, "),
         ("problem={}", "problem.kind: missing; expected a string (name of a built-in or installed kind, "),
         (
             "topology.weights=fair",

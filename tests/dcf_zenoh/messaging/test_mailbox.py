@@ -6,7 +6,7 @@ from dcf_zenoh.requests import NEVER
 
 
 def message(sequence: int, step: int, round: int, last: Last = Last.NO) -> Message:
-    return Message(2, 0, sequence, step, round, 10 * sequence, -1, -1, 0, last, (), {})
+    return Message(2, 0, sequence, step, round, 10 * sequence, -1, -1, 0, last, (), (), {})
 
 
 def stream() -> list[Message]:

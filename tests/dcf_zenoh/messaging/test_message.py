@@ -28,13 +28,15 @@ messages = st.builds(
     round=naturals,
     sent=st.integers(-(2**62), 2**62),
     residuals=st.lists(st.floats(allow_nan=False), max_size=6).map(tuple),
+    position=st.lists(st.floats(allow_nan=False, allow_infinity=False), max_size=3).map(tuple),
     stop_at=st.integers(-1, 2**31),
     settled_hops=st.integers(-1, 100),
     promise=naturals,
     last=st.sampled_from(Last),
     payload=payloads.map(canonical),
 )
-PLAIN = Message(1, 0, 7, 3, 2, 600, -1, 0, 0, Last.NO, (0.5, math.inf), canonical({"x": np.arange(3.0), "n": 2}))
+PAYLOAD = canonical({"x": np.arange(3.0), "n": 2})
+PLAIN = Message(1, 0, 7, 3, 2, 600, -1, 0, 0, Last.NO, (0.5, math.inf), (1.5, -2.0), PAYLOAD)
 
 
 def same(a: Payload, b: Payload) -> bool:
@@ -80,14 +82,15 @@ def tampered(**fields: object) -> bytes:
     ("data", "text"),
     [
         (msgpack.packb([99, 1, 2]), "version 99 is not spoken here; expected 1"),
-        (msgpack.packb([1, 2]), "expected 12 fields after the version, got 1"),
+        (msgpack.packb([1, 2]), "expected 13 fields after the version, got 1"),
         (msgpack.packb({"a": 1}), "expected a msgpack array, got dict"),
         (b"\xc1", "not a msgpack message"),
         (tampered(sender=-1), "sender: expected an integer of at least 0, got -1"),
         (tampered(step=1.5), "step: expected an integer of at least -1, got 1.5"),
         (tampered(round=True), "round: expected an integer of at least 0, got True"),
         (tampered(residuals=[math.nan]), "residuals: expected floats"),
-        (tampered(last=9), "last: expected 0 to 4, got 9"),
+        (tampered(last=9), "last: expected 0 to 5, got 9"),
+        (tampered(position=[1]), "position: expected finite floats"),
         (tampered(payload=[1]), "payload: expected a map, got tuple"),
         (tampered(payload={"x": "text"}), r"payload 'x': expected a number or \(dtype, shape, bytes\)"),
         (tampered(payload={"x": ["<f16", [1], b"0" * 16]}), "payload 'x': dtype '<f16' is not accepted"),

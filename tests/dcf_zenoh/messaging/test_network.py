@@ -79,7 +79,7 @@ def meet(networks: Mapping[int, Network], timeout: float = 10.0) -> dict[int, di
 
 def message(sender: int, sequence: int, size: int = 3, last: Last = Last.NO) -> Message:
     payload = {"x": np.full(size, float(sequence))}
-    return Message(sender, 0, sequence, 4, sequence, 10 * sequence, -1, -1, 0, last, (0.5,), payload)
+    return Message(sender, 0, sequence, 4, sequence, 10 * sequence, -1, -1, 0, last, (0.5,), (), payload)
 
 
 def soon(seconds: float = 10.0) -> float:
@@ -160,7 +160,7 @@ def attacks(sender: int) -> dict[str, bytes]:
         "not a msgpack message: ValueError Unpack failed: incomplete input": b"",
         "expected a msgpack array, got int": b"\x07",
         f"version {VERSION + 1} is not spoken here": msgpack.packb([VERSION + 1, *fields[1:]]),
-        "expected 12 fields after the version, got 11": msgpack.packb(fields[:-1]),
+        "expected 13 fields after the version, got 12": msgpack.packb(fields[:-1]),
         "sequence: expected an integer of at least 0": msgpack.packb([*fields[:3], "7", *fields[4:]]),
         "payload 'x': dtype '|O' is not accepted": msgpack.packb([*fields[:-1], {"x": ["|O", [1], b"12345678"]}]),
         f"{BYTES_MAX + 1} bytes are too many": b"\0" * (BYTES_MAX + 1),

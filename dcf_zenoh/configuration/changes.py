@@ -1,0 +1,36 @@
+"""What ``--set key.path=value`` says."""
+
+import tomllib
+from collections.abc import Sequence
+from typing import Any
+
+
+def path_of(key: str) -> tuple[str, ...]:
+    """The parts of a dotted key; none if it is not one."""
+    try:
+        nested: Any = tomllib.loads(f"{key} = 0")
+    except tomllib.TOMLDecodeError:  # Zenoh's keys have slashes
+        parts = tuple(part.strip() for part in key.split("."))
+        return parts if all(parts) else ()
+    path = []
+    while isinstance(nested, dict) and len(nested) == 1:
+        ((part, nested),) = nested.items()
+        path.append(part)
+    return tuple(path)
+
+
+def value_of(text: str) -> Any:
+    """A value in TOML, or else the text itself."""
+    try:
+        table = tomllib.loads(f"it = {text}")
+    except tomllib.TOMLDecodeError:
+        return text
+    return table["it"] if len(table) == 1 else text
+
+
+def with_plain_id(path: Sequence[str]) -> tuple[str, ...]:
+    """``agents.01.start`` is ``agents.1.start``."""
+    head, *rest = path
+    if head == "agents" and rest and rest[0].isascii() and rest[0].isdecimal():
+        rest[0] = str(int(rest[0]))
+    return (head, *rest)

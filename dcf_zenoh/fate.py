@@ -1,0 +1,91 @@
+"""What a fleet file has in store for one agent: slow computation, a pause, a crash."""
+
+from collections.abc import Callable
+from typing import TypeVar
+
+from dcf_zenoh.requests import NEVER, Activate, Loop, Publish, Request, Wait
+from dcf_zenoh.spec import AgentFaults, nanoseconds
+
+R = TypeVar("R")
+
+
+class Crashed(Exception):
+    """The agent is dead from now on. Not an error: it was asked for.
+
+    Attributes:
+        at: Fleet time, ns.
+    """
+
+    def __init__(self, at: int) -> None:
+        self.at = at
+        super().__init__(f"crashed at {at * 1e-9:g} s, as the fleet file says")
+
+
+class Fate:
+    """Leads an agent's loop into what shall happen to it. The loop itself knows nothing of it.
+
+    Args:
+        faults: Of the agent, as the fleet file says.
+        away: Makes the word to the neighbours' runners that nothing is sent before an instant, in ns; None where they
+            need none, on the wall clock.
+    """
+
+    def __init__(self, faults: AgentFaults, away: Callable[[int, int], Publish] | None) -> None:
+        crash, slow = faults.crash, faults.slow
+        self._away = away
+        self._pause = _window(faults.pause) if faults.pause else (NEVER, NEVER)
+        self._crash_at = nanoseconds(crash.at) if crash else NEVER
+        self._dead_for = nanoseconds(crash.restart_after) if crash and crash.restart_after else NEVER
+        self._slow = _window(slow.during) if slow and slow.during else (0, NEVER)
+        self._factor = slow.factor if slow else 1.0
+
+    @property
+    def announces(self) -> bool:
+        """Whether the neighbours' runners want to know that nothing will come."""
+        return self._away is not None
+
+    def slowness(self, now: int) -> float:
+        """By what computation takes longer at `now`, ns."""
+        return self._factor if self._slow[0] <= now < self._slow[1] else 1.0
+
+    def back_at(self, crashed: int) -> int:
+        """When an agent that crashed at that instant is there again, ns."""
+        return min(NEVER, crashed + self._dead_for)
+
+    def lead(self, flow: Loop[R]) -> Loop[R]:
+        """Lead a part of the loop: it stops at the instant of the crash, and stands still in the pause.
+
+        Raises:
+            Crashed: This is the instant of the crash.
+        """
+        reply: int | None = None
+        while True:
+            try:
+                request = flow.send(reply)  # type: ignore[arg-type]
+            except StopIteration as finished:
+                result: R = finished.value
+                return result
+            reply = yield from self._ask(request)
+            if reply >= self._crash_at:
+                self._crash_at = NEVER
+                flow.close()
+                raise Crashed(reply)
+
+    def _ask(self, request: Request) -> Loop[int]:
+        """Pass on a request that may last until the crash at most, and longer by the pause."""
+        if isinstance(request, Wait | Activate) and request.until > self._crash_at:
+            request = Wait(self._crash_at) if isinstance(request, Activate) else request._replace(until=self._crash_at)
+        reply = yield request
+        begin, end = self._pause
+        if begin <= reply < end:
+            self._pause = NEVER, NEVER
+            if self._away is not None:
+                yield self._away(reply, end)
+            again = Activate(end, request.senders) if isinstance(request, Activate) else Wait(end)
+            reply = yield from self._ask(again)
+        return reply
+
+
+def _window(seconds: tuple[float, float]) -> tuple[int, int]:
+    begin, end = seconds
+    return nanoseconds(begin), nanoseconds(end)

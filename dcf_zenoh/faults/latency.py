@@ -1,0 +1,159 @@
+"""Messages that take their time."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Literal, TypeAlias
+
+import numpy as np
+
+from dcf_zenoh.faults.fault import Fault, Stage
+from dcf_zenoh.faults.limits import at_least, positive
+from dcf_zenoh.faults.profile import read_profile
+from dcf_zenoh.messaging.delivery import Delivery
+from dcf_zenoh.spec import nanoseconds
+
+Distribution: TypeAlias = Literal["constant", "uniform", "normal", "gamma", "empirical"]
+Draw: TypeAlias = Callable[[np.random.Generator], float]
+
+
+class Latency(Fault):
+    """Every message comes later by a latency that is drawn for it alone.
+
+    ============  ============  ====================================================================================
+    distribution  keys          latency
+    ============  ============  ====================================================================================
+    constant      mean          always the same
+    uniform       low, high     anything between them
+    normal        mean, std     normal, drawn again while negative: it is truncated, not clipped, at 0, and so a little
+                                larger on average than `mean` and less spread than `std`, which are those of the whole
+                                normal distribution
+    gamma         mean, std     never negative, with a long tail; `mean` and `std` are its own
+    empirical     file          as measured: the quantiles of this link in a profile, with straight lines in between;
+                                where it was not measured, those of all links, each as likely
+    ============  ============  ====================================================================================
+
+    Args:
+        sender: Id.
+        receiver: Id.
+        folder: What `file` is relative to.
+        mean: In s.
+        distribution: One of the above.
+        low: Least latency, in s.
+        high: Largest latency, in s.
+        std: Standard deviation, in s.
+        file: Profile, as ``agentd links --export`` writes it.
+        reorder: Whether a message may overtake one that was sent before; else it comes with it at the earliest. A rule
+            for another time is another fault, and knows only the messages of that time.
+
+    Raises:
+        ValueError: A key of the distribution is missing or out of range, a key of another one is given, or the file is
+            not a profile.
+    """
+
+    STAGE = Stage.DELAY
+    LOSES = False
+    FILES = ("file",)
+
+    def __init__(
+        self,
+        sender: int,
+        receiver: int,
+        folder: Path,
+        *,
+        mean: float | None = None,
+        distribution: Distribution = "constant",
+        low: float | None = None,
+        high: float | None = None,
+        std: float | None = None,
+        file: str | None = None,
+        reorder: bool = True,
+    ) -> None:
+        given = {"mean": mean, "low": low, "high": high, "std": std, "file": file}
+        values = _belonging(distribution, given)
+        if distribution == "empirical":
+            self._draw = _empirical(folder / values["file"], sender, receiver)
+        else:
+            self._draw = _DRAWS[distribution](**values)
+        self._reorder = reorder
+        self._latest = -(2**63)  # due of all so far, in ns
+
+    def apply(self, delivery: Delivery, rng: np.random.Generator) -> tuple[Delivery]:
+        """Let it come later."""
+        due = delivery.due + nanoseconds(self._draw(rng))
+        if not self._reorder:
+            due = self._latest = max(due, self._latest)
+        return (delivery._replace(due=due),)
+
+
+_KEYS = {
+    "constant": ("mean",),
+    "uniform": ("low", "high"),
+    "normal": ("mean", "std"),
+    "gamma": ("mean", "std"),
+    "empirical": ("file",),
+}
+
+
+def _belonging(distribution: str, given: dict[str, Any]) -> dict[str, Any]:
+    """The keys of `distribution`, all of which must be given, and no others."""
+    if distribution not in _KEYS:
+        raise ValueError(f"distribution must be one of {', '.join(_KEYS)}, not {distribution!r}")
+    keys = _KEYS[distribution]
+    for key, value in given.items():
+        if value is not None and key not in keys:
+            raise ValueError(f"{key} is no key of distribution {distribution!r}, which takes {' and '.join(keys)}")
+        if value is None and key in keys:
+            raise ValueError(f"{key} is missing: distribution {distribution!r} takes {' and '.join(keys)}")
+    return {key: given[key] for key in keys}
+
+
+def _constant(mean: float) -> Draw:
+    at_least("mean", mean, 0, "s")
+    return lambda _: mean
+
+
+def _uniform(low: float, high: float) -> Draw:
+    at_least("high", high, at_least("low", low, 0, "s"), "s")
+    return lambda rng: rng.uniform(low, high)
+
+
+def _normal(mean: float, std: float) -> Draw:
+    at_least("mean", mean, 0, "s")  # so at least every second draw is taken
+    positive("std", std, "s")
+
+    def draw(rng: np.random.Generator) -> float:
+        while (latency := rng.normal(mean, std)) < 0:
+            pass
+        return latency
+
+    return draw
+
+
+def _gamma(mean: float, std: float) -> Draw:
+    shape = (positive("mean", mean, "s") / positive("std", std, "s")) ** 2
+    scale = std**2 / mean
+    return lambda rng: rng.gamma(shape, scale)
+
+
+def _empirical(path: Path, sender: int, receiver: int) -> Draw:
+    """Inverse of the distribution function, linear between quantiles."""
+    profiles = read_profile(path)
+    own = [each for each in profiles if (each.sender, each.receiver) == (sender, receiver)]
+    tables = [each.latency for each in own or profiles]
+
+    def draw(rng: np.random.Generator) -> float:
+        index, probability = divmod(rng.random() * len(tables), 1)  # one number chooses the table and the place in it
+        table = tables[int(index)]
+        left, part = divmod(probability * (len(table) - 1), 1)
+        low, high = table[int(left)], table[int(left) + 1]
+        return low + part * (high - low)
+
+    return draw
+
+
+_DRAWS: dict[str, Callable[..., Draw]] = {
+    "constant": _constant,
+    "uniform": _uniform,
+    "normal": _normal,
+    "gamma": _gamma,
+}

@@ -1,0 +1,51 @@
+"""What the keys of faults may be, and how it is said if they are not."""
+
+from math import isfinite
+
+
+def probability(key: str, value: float) -> float:
+    """`value` if it is a probability.
+
+    Raises:
+        ValueError: It is not.
+    """
+    if not 0 <= value <= 1:
+        raise ValueError(f"{key} must be a probability, from 0 to 1, not {value}")
+    return value
+
+
+def finite(key: str, value: float) -> float:
+    """`value` if it is finite.
+
+    Raises:
+        ValueError: It is not.
+    """
+    if not isfinite(value):
+        raise ValueError(f"{key} must be finite, not {value}")
+    return value
+
+
+def at_least(key: str, value: float, least: float, unit: str = "") -> float:
+    """`value` if it is finite and not less than `least`.
+
+    Raises:
+        ValueError: It is not.
+    """
+    if not (value >= least and isfinite(value)):
+        raise ValueError(f"{key} must be at least {least:g}{_in(unit)}, not {value}")
+    return value
+
+
+def positive(key: str, value: float, unit: str = "") -> float:
+    """`value` if it is finite and greater than 0.
+
+    Raises:
+        ValueError: It is not.
+    """
+    if not (value > 0 and isfinite(value)):
+        raise ValueError(f"{key} must be positive{_in(unit)}, not {value}")
+    return value
+
+
+def _in(unit: str) -> str:
+    return f", in {unit}" if unit else ""

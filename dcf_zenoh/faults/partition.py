@@ -1,0 +1,37 @@
+"""A fleet that falls apart."""
+
+from collections import Counter
+from collections.abc import Sequence
+
+import numpy as np
+
+from dcf_zenoh.faults.fault import Fault, Stage
+from dcf_zenoh.messaging.delivery import Delivery
+
+
+class Partition(Fault):
+    """No message gets from one group of agents to another. Agents in no group hear everybody, and everybody hears them.
+
+    Args:
+        sender: Id.
+        receiver: Id.
+        groups: Ids of the agents of each group.
+
+    Raises:
+        ValueError: There are fewer than two groups, or an agent is named twice.
+    """
+
+    STAGE = Stage.CUT
+
+    def __init__(self, sender: int, receiver: int, *, groups: tuple[tuple[int, ...], ...]) -> None:
+        if len(groups) < 2:
+            raise ValueError(f"groups must be at least two, such as [[1, 2], [3, 4]], not {len(groups)}")
+        twice = [agent for agent, times in Counter(agent for group in groups for agent in group).items() if times > 1]
+        if twice:
+            raise ValueError(f"groups must name an agent once, not agent {twice[0]} twice")
+        home = {agent: index for index, group in enumerate(groups) for agent in group}
+        self._cut = sender in home and receiver in home and home[sender] != home[receiver]
+
+    def apply(self, delivery: Delivery, rng: np.random.Generator) -> Sequence[Delivery]:  # noqa: ARG002
+        """All or nothing."""
+        return () if self._cut else (delivery,)
