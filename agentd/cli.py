@@ -77,6 +77,9 @@ def _parser() -> argparse.ArgumentParser:
     run.add_argument("--id", type=int, required=True, metavar="N", help="which agent")
     run.add_argument("--out", type=Path, metavar="DIR", help="run directory (default: runs/FLEET)")
     run.add_argument("--run", metavar="NAME", help="name of the run, the same for all its agents (default: manual)")
+    run.add_argument(
+        "--rejoin", action="store_true", help="the fleet is flying and this agent's daemon has died: join it again"
+    )
     run.add_argument("--supervised", action="store_true", help=argparse.SUPPRESS)
     command("simulate", commands.simulate, "run a fleet in this process, in virtual time", fleet, results)
     check = command("check", commands.check, "check a fleet file and print it with all defaults", fleet)

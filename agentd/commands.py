@@ -35,6 +35,10 @@ def run(options: Namespace) -> int:
 
     Start one per agent, on one machine or on several, each with the same fleet file. They meet at the endpoints that
     the fleet file gives (agents.N.endpoint), by default tcp/127.0.0.1:7450+N, and start together.
+
+    If a daemon has died while the others fly on (safety.neighbour_silent.then = "continue"), start it again with
+    --rejoin: `agentd run RUN/fleet.toml --id N --out RUN --rejoin`. It takes part from the next control step; a
+    simulated plant goes on from its last recorded state.
     """
     from agentd.daemon import Assignment, claim_stdout, run_agent  # noqa: PLC0415
     from dcf_zenoh.config import freeze  # noqa: PLC0415
@@ -48,7 +52,9 @@ def run(options: Namespace) -> int:
     folder: Path = options.out or Path("runs") / fleet.spec.name
     about = read_about(folder)
     endpoints = {int(i): str(endpoint) for i, endpoint in about.get("endpoints", {}).items()}
-    if not options.supervised:
+    if options.rejoin and fleet.spec.time.clock == "virtual":
+        raise ConfigurationError("--rejoin: only on the wall clock; a run in virtual time can be repeated instead")
+    if not (options.supervised or options.rejoin):
         check_unused(folder, options.id)
         fleet = freeze(fleet, folder)
     task = Assignment(
@@ -56,6 +62,7 @@ def run(options: Namespace) -> int:
         run=options.run or about.get("run", "manual"),
         folder=folder,
         endpoints=endpoints or default_endpoints(fleet.spec),
+        rejoin=options.rejoin,
         status=status,
     )
     run_agent(fleet, task)

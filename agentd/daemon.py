@@ -15,14 +15,15 @@ from types import FrameType
 from typing import TextIO
 
 from agentd.runner import Stopped, await_goodbyes, run_virtual, run_wall, spare_collector
-from dcf_zenoh.assembly import AgentParts, Blueprint
+from dcf_zenoh.agent_log import AgentLog
+from dcf_zenoh.assembly import AgentParts, Blueprint, LastLife
 from dcf_zenoh.config import LoadedFleet, to_toml
-from dcf_zenoh.errors import NetworkError, PlantError, blaming
+from dcf_zenoh.errors import NetworkError, PlantError, RecordingError, blaming
 from dcf_zenoh.messaging.hello import ClockOffset
 from dcf_zenoh.messaging.message import VERSION, Last
 from dcf_zenoh.messaging.network import Address, Network, Stop, endpoints_to_connect
-from dcf_zenoh.plant import State
-from dcf_zenoh.recording import StepRecord, open_log
+from dcf_zenoh.plant import State, read_only
+from dcf_zenoh.recording import StepRecord, log_name, open_log
 from dcf_zenoh.requests import NEVER
 
 log = logging.getLogger(__name__)
@@ -39,6 +40,7 @@ class Assignment:
         run: Name of the run; part of all keys.
         folder: The run directory.
         endpoints: Where every agent listens.
+        rejoin: The fleet is under way, and this agent was in it before.
         status: Where a launcher reads status lines, whose end closes standard input; None: nobody launched this one.
     """
 
@@ -46,6 +48,7 @@ class Assignment:
     run: str
     folder: Path
     endpoints: dict[int, str]
+    rejoin: bool = False
     status: TextIO | None = None
 
 
@@ -73,20 +76,43 @@ def run_agent(fleet: LoadedFleet, task: Assignment) -> Last:
         connect=endpoints_to_connect(task.agent, linked, task.endpoints),
         settings=fleet.spec.zenoh.settings,
     )
+    life = last_life(task.folder, task.agent) if task.rejoin else None
+    incarnation = life.incarnation if life else 0
     with (
-        open_log(task.folder, task.agent) as stream,
+        open_log(task.folder, task.agent, again=task.rejoin) as stream,
         Network(task.agent, hood, address) as network,
         _stop_events(network, supervised=task.status is not None),
     ):
-        offsets = network.meet(fingerprint(fleet), fleet.spec.zenoh.ready_timeout)
+        offsets = network.meet(fingerprint(fleet), fleet.spec.zenoh.ready_timeout, incarnation)
+        if life and not network.start:
+            raise NetworkError(f"agent {task.agent}: --rejoin: this fleet has not started yet")
         _check_offsets(task.agent, offsets, wall=fleet.spec.time.clock == "wall")
         about = {
             "run": task.run,
+            "incarnation": incarnation,
             "clock_offsets": {j: (offset.ahead, offset.error) for j, offset in offsets.items()},
         }
         status = Status(task.agent, task.status) if task.status else None
-        parts = blueprint.build(task.agent, stream, about, status.observe if status else lambda _record: None)
+        observe = status.observe if status else lambda _record: None
+        parts = blueprint.build(task.agent, stream, about, observe, life)
         return _run(fleet, parts, network, hood.receives_from, offsets)
+
+
+def last_life(folder: Path, agent: int) -> LastLife:
+    """What an agent left behind in its log.
+
+    Raises:
+        RecordingError: There is no log, or no state in it.
+    """
+    path = folder / log_name(agent)
+    try:
+        log = AgentLog.read(path.read_bytes(), str(path))
+    except OSError as error:
+        raise RecordingError(f"{path}: --rejoin: cannot be read: {error.strerror}") from error
+    if not len(log.state):
+        raise RecordingError(f"{path}: --rejoin: agent {agent} has not recorded a single step")
+    half = log.state.shape[1] // 2
+    return LastLife(log.lives, State(read_only(log.state[-1, :half]), read_only(log.state[-1, half:])))
 
 
 def _run(

@@ -118,7 +118,7 @@ def launch(fleet: LoadedFleet, folder: Path, show: Show, say: Say) -> None:
         "endpoints": free_endpoints(fleet.spec),
     }
     write_about(folder, about)
-    patient = fleet.spec.time.clock == "wall" and fleet.spec.safety.neighbour_silent.then == "hold"
+    patient = fleet.spec.time.clock == "wall" and fleet.spec.safety.neighbour_silent.then != "stop"
     daemons: dict[int, Daemon] = {}
     problems = Problems(say)
     interrupted: signal.Signals | None = None

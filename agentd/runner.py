@@ -7,11 +7,11 @@ from collections.abc import Callable, Mapping, Sequence
 
 from dcf_zenoh.assembly import AgentParts
 from dcf_zenoh.clock import VirtualClock, WallClock
-from dcf_zenoh.errors import DcfError, NeighbourLost, Silence
-from dcf_zenoh.messaging.hello import ClockOffset
+from dcf_zenoh.errors import DcfError, NeighbourLost, NetworkError, Silence
+from dcf_zenoh.messaging.hello import ClockOffset, Hello
 from dcf_zenoh.messaging.mailbox import Mailbox
 from dcf_zenoh.messaging.message import Last, Message
-from dcf_zenoh.messaging.network import Lost, Network, Refused, Stop
+from dcf_zenoh.messaging.network import Command, Lost, Network, Refused, Stop
 from dcf_zenoh.requests import Activate, Publish, Start, Wait
 
 log = logging.getLogger(__name__)
@@ -30,12 +30,20 @@ class Feed:
         network: Where it comes from.
         mailbox: Where it goes.
         stamp: When a message that is read now entered the link, and when it was there; fleet time in ns.
+        obey: Does what an operator asks for; its answer.
     """
 
-    def __init__(self, network: Network, mailbox: Mailbox, stamp: Callable[[Message], tuple[int, int]]) -> None:
+    def __init__(
+        self,
+        network: Network,
+        mailbox: Mailbox,
+        stamp: Callable[[Message], tuple[int, int]],
+        obey: Callable[[bytes], bytes] = lambda _request: b"",
+    ) -> None:
         self._network = network
         self._mailbox = mailbox
         self._stamp = stamp
+        self._obey = obey
 
     def wait(self, sender: int, deadline: float) -> bool:
         """Take in the next message of `sender`, or events; whether there was any before `deadline`, monotonic s.
@@ -69,7 +77,22 @@ class Feed:
                 self._mailbox.lost[event.agent] = "its liveliness token is gone"
         elif isinstance(event, Refused):
             self._take(event)
+        elif isinstance(event, Hello):
+            self._welcome(event)
+        elif isinstance(event, Command):
+            event.reply(self._obey(event.request))
         return event is not None
+
+    def _welcome(self, hello: Hello) -> None:
+        """Answer a neighbour that came later; if it was started again, its new life begins here."""
+        try:
+            self._network.answer(hello)
+        except NetworkError as error:
+            log.warning("%s", error)
+            return
+        j = hello.sender
+        if j in self._mailbox.senders and hello.incarnation > self._mailbox.incarnation(j):
+            self._mailbox.welcome(j, hello.incarnation)
 
     def _take(self, found: Message | Refused) -> None:
         if isinstance(found, Refused):
@@ -100,7 +123,7 @@ class Stamps:
 
     def __init__(self, now: Callable[[], int], offsets: Mapping[int, ClockOffset]) -> None:
         self._now = now
-        self._ahead = {j: offset.ahead if abs(offset.ahead) > offset.error else 0 for j, offset in offsets.items()}
+        self._ahead = {j: offset.significant for j, offset in offsets.items()}
         self._last: dict[int, int] = {}
 
     def __call__(self, message: Message) -> tuple[int, int]:
@@ -144,6 +167,8 @@ def run_wall(parts: AgentParts, network: Network, offsets: Mapping[int, ClockOff
         for j in mailbox.senders:  # whoever sleeps long must not hold the others up
             feed.drain(j)
 
+    if network.start:  # the fleet is under way
+        clock.start(network.start)
     reply: int | None = None
     while True:
         try:
@@ -156,6 +181,7 @@ def run_wall(parts: AgentParts, network: Network, offsets: Mapping[int, ClockOff
             continue
         if isinstance(request, Start):
             clock.start(request.instant)
+            network.started(request.instant)
         elif isinstance(request, Wait) and request.senders:
             hear(request)
         else:

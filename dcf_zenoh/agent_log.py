@@ -22,6 +22,7 @@ class AgentLog:
     Attributes:
         agent: Id.
         header: First object of the log: versions, processor, schema.
+        lives: How often the agent was started in this run.
         step: Step numbers, shape (K,).
         sensed: When the state was measured, shape (K,).
         state: Position and velocity, shape (K, 2 d), m and m/s.
@@ -44,6 +45,7 @@ class AgentLog:
 
     agent: int
     header: Mapping[str, Any]
+    lives: int
     step: Integers
     sensed: Array
     state: Array
@@ -62,6 +64,13 @@ class AgentLog:
     remarks: tuple[str, ...]
     events: tuple[Mapping[str, Any], ...]
     end: Mapping[str, Any] | None
+
+    def rows(self, steps: int) -> Integers:
+        """Row of the newest record at each of the first `steps` steps: that of the step, or where there is none (the
+        agent was dead) of the last one before.
+        """
+        found: Integers = np.searchsorted(self.step, np.arange(steps), side="right") - 1
+        return found.clip(0)
 
     @property
     def negotiation(self) -> Array:
@@ -99,6 +108,7 @@ class AgentLog:
         return cls(
             agent=header["agent"],
             header=header,
+            lives=sum("schema" in item for item in items if isinstance(item, dict)),
             step=np.array([r.step for r in steps], dtype=np.int64),
             sensed=read_only([r.sensed * 1e-9 for r in steps]),
             state=_table([r.state for r in steps]),

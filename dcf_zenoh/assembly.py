@@ -128,7 +128,7 @@ class Blueprint:
             return cast(Controller, create(kind, context, control.options, "controller"))
 
         virtual = spec.time.clock == "virtual"
-        mailbox = Mailbox(hood.receives_from)
+        mailbox = Mailbox(hood.receives_from, under_way=last_life is not None)
         links = links_to(spec, folder, self.graph, agent)
         rounds = spec.exchange.model_copy(update={"margin": margin_of(spec, folder)})
         transmission = Transmission(agent, last_life.incarnation if last_life else 0)

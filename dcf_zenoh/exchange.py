@@ -150,6 +150,7 @@ class Exchange:
         self, talk: Talk[T], hood: Neighbourhood, agreement: Agreement, step: int, now: int, until: int
     ) -> Loop[tuple[int, str]]:
         """Synchronous rounds; when they ended, and why."""
+        timeout = self._round_timeout if step >= 0 else NEVER  # before the start there is time
         reception, senders = self._reception, hood.receives_from
         inbox: Inbox | None = None
         stopped_by = ""
@@ -160,7 +161,7 @@ class Exchange:
                 sent = self._transmission.round(payload, hood, step, round, now, header)
             for publication in sent.publications:
                 now = yield publication
-            deadline = min(until, now + self._round_timeout)
+            deadline = min(until, now + timeout)
             if senders:
                 now = yield Wait(deadline, senders, step, round)
             end = reception.round_end(round, now, deadline)

@@ -74,7 +74,7 @@ class Reception:
         watch: bool = False,
     ) -> None:
         self._mailbox = mailbox
-        self._faults = links or {}
+        self._faults = {} if links is None else links
         self._hold = hold
         self._silent_after = silent_after
         self._watch = watch

@@ -190,14 +190,31 @@ def read_stream(data: bytes) -> Iterator[Any]:
         return
 
 
-def open_log(directory: Path, agent: int) -> BinaryIO:
-    """A new stream in a run directory.
+def whole(data: bytes) -> int:
+    """How many bytes of a stream its whole objects take."""
+    unpacker = msgpack.Unpacker(max_buffer_size=0, strict_map_key=False)
+    unpacker.feed(data)
+    end = 0
+    try:
+        for _ in unpacker:
+            end = unpacker.tell()
+    except (ValueError, msgpack.UnpackException):
+        pass
+    return end
+
+
+def open_log(directory: Path, agent: int, *, again: bool = False) -> BinaryIO:
+    """A new stream in a run directory; or `again` the one that is there, to be continued after its last whole object.
 
     Raises:
-        RecordingError: It cannot be written, or is there already.
+        RecordingError: It cannot be written; or is there already, or is not.
     """
     path = directory / log_name(agent)
     try:
+        if again:
+            stream = path.open("r+b", buffering=0)
+            stream.truncate(stream.seek(whole(path.read_bytes())))
+            return stream
         directory.mkdir(parents=True, exist_ok=True)
         return path.open("wb" if path.is_file() and not path.stat().st_size else "xb", buffering=0)
     except FileExistsError:

@@ -82,8 +82,8 @@ class Run:
 
     @cached_property
     def steps(self) -> int:
-        """Steps that every agent has recorded."""
-        return min(len(log.step) for log in self.agents.values())
+        """Steps that every agent has lived to see."""
+        return min(int(log.step[-1]) + 1 if len(log.step) else 0 for log in self.agents.values())
 
     @cached_property
     def time(self) -> Array:
@@ -94,7 +94,7 @@ class Run:
     def positions(self) -> Array:
         """Measured positions, shape (K, N, d), m, in the d dimensions that all agents have: 0 if any has no plant."""
         d = min(log.path.shape[1] for log in self.agents.values())
-        return np.stack([log.path[: self.steps, :d] for log in self.agents.values()], axis=1)
+        return np.stack([log.path[log.rows(self.steps), :d] for log in self.agents.values()], axis=1)
 
     @cached_property
     def distances(self) -> Array:

@@ -111,12 +111,14 @@ class Recipe:
         plugin: What makes it.
         values: Of its keys.
         folder: What the paths of files are relative to.
+        asked: Names of what it wants to know of the link.
     """
 
     name: str
     plugin: Plugin
     values: Mapping[str, Any]
     folder: Path
+    asked: tuple[str, ...]
 
     @classmethod
     def of(cls, name: str, table: FaultTable, folder: Path) -> "Recipe":
@@ -130,12 +132,12 @@ class Recipe:
         problems += [f"{name}: {text}" for text in check_signature("faults", plugin)]
         if problems:
             raise PluginError(problems)
-        return cls(name, plugin, values, folder)
+        return cls(name, plugin, values, folder, tuple(positional(plugin)))
 
     @property
     def asks_for_link(self) -> bool:
         """Whether it need not be the same on all links."""
-        return not {"sender", "receiver"}.isdisjoint(positional(self.plugin))
+        return not {"sender", "receiver"}.isdisjoint(self.asked)
 
     def make(self, sender: int, receiver: int) -> Fault:
         """The fault of one link.
@@ -145,7 +147,7 @@ class Recipe:
         """
         context = {"sender": sender, "receiver": receiver, "folder": self.folder}
         try:
-            fault = self.plugin(*(context[name] for name in positional(self.plugin)), **self.values)
+            fault = self.plugin(*(context[name] for name in self.asked), **self.values)
         except Exception as error:
             raise PluginError(f"{self.name}: {name_of(self.plugin)} refused its options: {reason(error)}") from error
         if not isinstance(fault, Fault):

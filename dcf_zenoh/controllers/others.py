@@ -90,7 +90,7 @@ class Others:
         lost = tuple(i for i, age in ages.items() if age > self._age_max)
         states = {i: self._predicted(i, step) for i in ages}
         signs = self._signs_in(step, lost)
-        for pair, following in self._chosen(step + 1, lost).items():
+        for pair, following in self._chosen(step, lost).items():
             if pair[0] == self._me.id:
                 self._signs.put(pair, step, np.array([signs[pair], following]))
         return Sight(states, lost, sum(0 < age <= self._age_max for age in ages.values()), signs)

@@ -13,6 +13,8 @@ class Hello(NamedTuple):
     """A neighbour says that it is there; stamps in ns UTC of the clock that made them.
 
     `echo` and `heard` tell when the last hello from here was sent and when it arrived there; 0 if none has.
+    `incarnation` says which life of the sender in this run this is, and `start` when the fleet's time was 0; 0 if it
+    has not started.
     """
 
     sender: int
@@ -21,6 +23,8 @@ class Hello(NamedTuple):
     echo: int
     heard: int
     at: int
+    incarnation: int = 0
+    start: int = 0
 
     @classmethod
     def read(cls, data: bytes, neighbour: int, at: int) -> "Hello":
@@ -33,11 +37,12 @@ class Hello(NamedTuple):
             fields = msgpack.unpackb(data)
         except (ValueError, TypeError, msgpack.UnpackException) as error:
             raise MessageError(f"not a hello: {type(error).__name__} {error}") from error
-        if not (isinstance(fields, list) and [type(field) for field in fields] == [int, str, int, int, int]):
+        if not (isinstance(fields, list) and [type(field) for field in fields] == [int, str, *[int] * 5]):
             raise MessageError(f"not a hello: {fields!r:.60}")
         if fields[0] != neighbour:
             raise MessageError(f"it claims to come from agent {fields[0]}")
-        return cls(fields[0], fields[1], fields[2], fields[3], fields[4], at)
+        sender, fingerprint, sent, echo, heard, incarnation, start = fields
+        return cls(sender, fingerprint, sent, echo, heard, at, incarnation, start)
 
 
 @dataclass(frozen=True)
@@ -49,6 +54,11 @@ class ClockOffset:
 
     ahead: int
     error: int
+
+    @property
+    def significant(self) -> int:
+        """`ahead` if that is more than the error of its measurement, else 0."""
+        return self.ahead if abs(self.ahead) > self.error else 0
 
     @classmethod
     def of(cls, hello: Hello) -> "ClockOffset":
@@ -68,13 +78,17 @@ class Meeting:
         agent: Id of this agent.
         neighbours: All it is linked with, in either direction.
         fingerprint: Of the fleet file and the plug-ins; all must have the same.
+        incarnation: Which life of this agent in this run this is.
 
     Attributes:
         offsets: Neighbour -> clock offset, the most certain one so far.
+        start: When the fleet's time was 0, ns UTC of this machine; 0 while that is not known.
     """
 
-    def __init__(self, agent: int, neighbours: Iterable[int], fingerprint: str) -> None:
+    def __init__(self, agent: int, neighbours: Iterable[int], fingerprint: str, incarnation: int = 0) -> None:
         self.offsets: dict[int, ClockOffset] = {}
+        self.start = 0
+        self._incarnation = incarnation
         self._agent = agent
         self._fingerprint = fingerprint
         self._waiting = set(neighbours)
@@ -96,7 +110,7 @@ class Meeting:
         """The hello for a neighbour, sent at `now`, ns UTC."""
         heard = self._last.get(to)
         echo = (heard.sent, heard.at) if heard else (0, 0)
-        data: bytes = msgpack.packb((self._agent, self._fingerprint, now, *echo))
+        data: bytes = msgpack.packb((self._agent, self._fingerprint, now, *echo, self._incarnation, self.start))
         return data
 
     def hear(self, hello: Hello) -> bool:
@@ -118,6 +132,8 @@ class Meeting:
             offset, known = ClockOffset.of(hello), self.offsets.get(hello.sender)
             if known is None or offset.error < known.error:
                 self.offsets[hello.sender] = offset
+            if hello.start and not self.start:
+                self.start = hello.start - offset.significant
         return first
 
     def lose(self, neighbour: int) -> None:

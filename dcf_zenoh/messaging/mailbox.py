@@ -14,9 +14,9 @@ class _Sender:
 
     __slots__ = ("ahead", "farewell", "incarnation", "known", "next", "promise", "ready", "skipped")
 
-    def __init__(self, incarnation: int = 0) -> None:
+    def __init__(self, incarnation: int = 0, *, under_way: bool = False) -> None:
         self.incarnation = incarnation
-        self.next = 0  # the sequence number that continues `ready`
+        self.next = -1 if under_way else 0  # the sequence number that continues `ready`; -1: whatever comes first
         self.ready: deque[Delivery] = deque()
         self.ahead: list[tuple[int, Delivery]] = []  # ascending; arrived before a number that is still missing
         self.known = (-2, 0)  # heard without a gap up to this (step, round)
@@ -44,6 +44,10 @@ class Mailbox:
 
     A sender's messages are released in the order of their numbers, whatever order a network delivers them in.
 
+    Args:
+        senders: The in-neighbours.
+        under_way: They have been sending before: whatever comes first is the beginning.
+
     Attributes:
         duplicates: Messages dropped because their sequence number was already released.
         overtaken: Messages dropped because they came after their number had been given up, or from an earlier life.
@@ -51,8 +55,8 @@ class Mailbox:
         lost: Neighbours that died, and how that was noticed.
     """
 
-    def __init__(self, senders: Iterable[int]) -> None:
-        self._senders = {sender: _Sender() for sender in senders}
+    def __init__(self, senders: Iterable[int], *, under_way: bool = False) -> None:
+        self._senders = {sender: _Sender(under_way=under_way) for sender in senders}
         self.duplicates = 0
         self.overtaken = 0
         self.refused = 0
@@ -70,6 +74,8 @@ class Mailbox:
         if message.incarnation > sender.incarnation:
             sender = self.welcome(message.sender, message.incarnation)
         delivery = Delivery(message, entered, entered if due is None else due)
+        if sender.next < 0:
+            sender.next = message.sequence
         if message.incarnation < sender.incarnation:
             self.overtaken += 1
         elif message.sequence in sender.skipped:

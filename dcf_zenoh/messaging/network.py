@@ -5,7 +5,8 @@ becomes an event in a queue. Keys, below ``dcf/<fleet>/<run>``:
 
 - ``from/<sender>/to/<receiver>``: messages; what all out-neighbours get is published once, on ``from/<sender>/to/*``;
 - ``hello/<from>/to/<to>``: readiness, both ways on every link, also on directed ones;
-- ``alive/<agent>``: liveliness tokens.
+- ``alive/<agent>``: liveliness tokens;
+- ``control/<agent>``: what operators ask of an agent, as queries.
 
 An agent subscribes to its in-neighbours only and publishes under its own id only.
 """
@@ -14,8 +15,9 @@ import json
 import os
 import re
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from math import inf
 from queue import Empty, SimpleQueue
 from types import TracebackType
 from typing import Any, NamedTuple, Self, TypeAlias
@@ -30,6 +32,7 @@ from dcf_zenoh.messaging.message import Message, decode, encode
 from dcf_zenoh.messaging.waker import Waker
 
 HELLO_PERIOD = 0.02  # s between hellos to a neighbour that has not answered
+LATECOMERS = 1.0  # s that an agent which was started again gives its other neighbours after the first has answered
 CHANNEL_SIZE = 4096  # messages of one neighbour that can wait; a full channel holds the sender up
 WAKE = os.urandom(16)  # what a channel delivers in place of a message when it is time to wake up
 # One runtime thread for what would be four: fewer hand-overs between sending and receiving (docs/performance.md).
@@ -57,7 +60,14 @@ class Stop(NamedTuple):
     reason: str
 
 
-Event: TypeAlias = Refused | Lost | Hello | Stop
+class Command(NamedTuple):
+    """An operator wants something of this agent, and waits for the answer."""
+
+    request: bytes
+    reply: Callable[[bytes], None]
+
+
+Event: TypeAlias = Refused | Lost | Hello | Stop | Command
 
 
 @dataclass(frozen=True)
@@ -138,6 +148,7 @@ class Network:
         self._linked = sorted({*hood.receives_from, *hood.sends_to})
         self._prefix = address.prefix
         self._events: SimpleQueue[Event] = SimpleQueue()
+        self._meeting: Meeting | None = None
         config = address.config()
         try:
             self._session = zenoh.open(config)
@@ -155,6 +166,7 @@ class Network:
         self._edges = {j: self._declare_publisher(str(j)) for j in hood.sends_to}
         for j in self._linked:  # last, so that whoever can reach our hello key knows the others too
             self._watch(j)
+        self._session.declare_queryable(f"{self._prefix}/control/{agent}", self._command)
         self._token = self._session.liveliness().declare_token(f"{self._prefix}/alive/{agent}")
 
     def __enter__(self) -> Self:
@@ -215,12 +227,15 @@ class Network:
         self._events.put(event)
         self._waker.poke()
 
-    def meet(self, fingerprint: str, timeout: float) -> dict[int, ClockOffset]:
+    def meet(self, fingerprint: str, timeout: float, incarnation: int = 0) -> dict[int, ClockOffset]:
         """Say hello to all neighbours until each has answered; see `Meeting`.
+
+        An agent that was started again meets those who are there: it waits `LATECOMERS` for the others.
 
         Args:
             fingerprint: Of the fleet file and the plug-ins; all must have the same.
             timeout: In s.
+            incarnation: Which life of this agent in this run this is.
 
         Returns:
             Neighbour -> clock offset.
@@ -229,11 +244,15 @@ class Network:
             NotReady: Somebody did not answer; the message names them. Or this agent was told to stop.
             NetworkError: A neighbour runs another fleet.
         """
-        meeting = Meeting(self._agent, self._linked, fingerprint)
+        self._meeting = meeting = Meeting(self._agent, self._linked, fingerprint, incarnation)
         aside: list[Event] = []
-        deadline, due = time.monotonic() + timeout, 0.0
+        deadline, due, enough = time.monotonic() + timeout, 0.0, inf
         while not meeting.over:
             now = time.monotonic()
+            if incarnation and meeting.offsets:
+                enough = min(enough, now + LATECOMERS)
+            if now >= enough:
+                break
             if now >= deadline:
                 raise NotReady(f"agent {self._agent}: not ready within {timeout:g} s: {meeting.plight}")
             if now >= due:
@@ -246,12 +265,32 @@ class Network:
                 meeting.lose(event.agent)
             elif isinstance(event, Refused):
                 aside.append(event)
-            elif event is not None and meeting.hear(event):
+            elif isinstance(event, Hello) and meeting.hear(event):
                 self._greet([event.sender], meeting)
         self._greet(self._linked, meeting)
         for event in aside:
             self._events.put(event)
         return meeting.offsets
+
+    @property
+    def start(self) -> int:
+        """When the fleet's time was 0, ns UTC; 0 while that is not known."""
+        return 0 if self._meeting is None else self._meeting.start
+
+    def started(self, instant: int) -> None:
+        """Tell whoever joins later that the fleet's time was 0 at `instant`, ns UTC."""
+        if self._meeting is not None:
+            self._meeting.start = instant
+
+    def answer(self, hello: Hello) -> None:
+        """Answer a hello that came after the meeting: somebody joins, or has missed the last answer.
+
+        Raises:
+            NetworkError: The sender runs another fleet.
+        """
+        if self._meeting is not None:
+            self._meeting.hear(hello)
+            self._greet([hello.sender], self._meeting)
 
     def _declare_publisher(self, receiver: str) -> zenoh.Publisher:
         return self._session.declare_publisher(
@@ -259,6 +298,10 @@ class Network:
             congestion_control=zenoh.CongestionControl.BLOCK,
             express=True,
         )
+
+    def _command(self, query: zenoh.Query) -> None:
+        request = query.payload.to_bytes() if query.payload else b""
+        self.notify(Command(request, lambda answer: query.reply(query.key_expr, answer)))
 
     def _wake(self, sender: int) -> None:
         """Let the channel of `sender` deliver something."""

@@ -2,8 +2,15 @@ import hashlib
 import json
 from pathlib import Path
 
+import pytest
+
+from agentd.daemon import fingerprint
 from dcf_zenoh.config import freeze, load
+from dcf_zenoh.errors import PluginError
+from dcf_zenoh.spec import FaultTable
 from tests.fleet_files import MINE
+from tests.lossy_fleets import MINE as FAULTS
+from tests.lossy_fleets import lossy
 from topologies import star
 
 
@@ -30,3 +37,46 @@ def test_frozen_fleet_has_its_plugins_beside_it(file: Path, tmp_path: Path) -> N
         "topologies.star": hashlib.sha256(Path(star.__file__).read_bytes()).hexdigest(),
     }
     assert (run / "plugins" / "mine.py").read_text() == MINE
+
+
+def test_frozen_faults_have_their_files_beside_them(tmp_path: Path) -> None:
+    (tmp_path / "here").mkdir()
+    (tmp_path / "there").mkdir()
+    (tmp_path / "there" / "tale.txt").write_text("twice upon a time")
+    (tmp_path / "here" / "tale.txt").write_text("once upon a time")
+    faults = (
+        "[faults]\na = { kind = './mine.py:Told', story = 'tale.txt' }\n"
+        "[[faults.rule]]\nto = 1\na = 'tale.txt'\n"
+        "[[faults.rule]]\nto = 2\na = '../there/tale.txt'\n"
+    )
+    fleet = load(lossy(tmp_path / "here", faults))
+    run = tmp_path / "run"
+    frozen = freeze(fleet, run)
+    kind = "./plugins/mine.py:Told"
+    told = [rule.faults["a"] for rule in frozen.spec.faults.rules]
+    assert told == [
+        FaultTable.model_validate({"kind": kind, "story": story, "pace": 1.0})
+        for story in ("profiles/tale.txt", "profiles/tale.txt", "profiles/tale_2.txt")
+    ]
+    assert load(run / "fleet.toml").spec == frozen.spec
+    assert (run / "profiles" / "tale_2.txt").read_text() == "twice upon a time"
+    assert json.loads((run / "plugins.json").read_text()) == {
+        "plugins/mine.py": hashlib.sha256(FAULTS.encode()).hexdigest(),
+        "profiles/tale.txt": hashlib.sha256(b"once upon a time").hexdigest(),
+        "profiles/tale_2.txt": hashlib.sha256(b"twice upon a time").hexdigest(),
+    }
+
+    again = freeze(load(run / "fleet.toml"), tmp_path / "again")
+    assert (again.spec, fingerprint(again)) == (frozen.spec, fingerprint(frozen))
+    (run / "profiles" / "tale.txt").write_text("never")
+    other = freeze(load(run / "fleet.toml"), tmp_path / "other")
+    assert other.spec == frozen.spec
+    assert fingerprint(other) != fingerprint(frozen)
+
+
+def test_file_that_is_gone_is_named(tmp_path: Path) -> None:
+    (tmp_path / "tale.txt").write_text("once")
+    fleet = load(lossy(tmp_path, "[faults]\na = { kind = './mine.py:Told', story = 'tale.txt' }\n"))
+    (tmp_path / "tale.txt").unlink()
+    with pytest.raises(PluginError, match=r"^\./mine\.py:Told: cannot read .*tale\.txt: No such file or directory$"):
+        freeze(fleet, tmp_path / "run")

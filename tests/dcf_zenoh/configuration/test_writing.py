@@ -1,4 +1,5 @@
 import re
+import textwrap
 from pathlib import Path
 from typing import Any
 
@@ -6,6 +7,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from dcf_zenoh.config import LoadedFleet, load, to_toml
+from tests.lossy_fleets import lossy
 
 
 def again(spec_text: str, folder: Path) -> LoadedFleet:
@@ -34,6 +36,52 @@ def test_written_out_file_is_complete_and_in_order(file: Path) -> None:
     ]
     assert "start = [0.0, 1.0]\n" in text
     assert "max_rounds = 200\n" in text
+
+
+def test_fleet_with_faults_loads_to_the_same_fleet(tmp_path: Path) -> None:
+    changes = [
+        "faults.loss=0.1",
+        "faults.a={kind='./mine.py:Dull',often=3}",
+        "faults.rule.3={from=[1,2],to=4,loss=false,noise=0.1}",
+        "faults.rule.4={during=[1,2],a=4}",
+        "agents.1.faults={crash={at=8,restart_after=0.5},slow={factor=2,during=[1,2]}}",
+        "agents.2.faults.pause=[1,2]",
+        "agents.3.exchange.period=0.01",
+    ]
+    for texts in ([], changes, ["faults.rule=[]"], ["faults.rule=[{from=1,to=2,loss=0.3}]"]):
+        fleet = load(lossy(tmp_path), changes=texts)
+        assert again(to_toml(fleet.spec), tmp_path).spec == fleet.spec
+
+
+def test_faults_are_written_as_one_would_write_them(tmp_path: Path) -> None:
+    text = to_toml(load(lossy(tmp_path)).spec)
+    assert text[text.index("[faults") : text.index("\n[safety")] == textwrap.dedent("""\
+        [faults.latency]
+        kind = "latency"
+        distribution = "uniform"
+        low = 0.0002
+        high = 0.0008
+        reorder = true
+
+        [[faults.rule]]
+        from = 2
+        to = 3
+
+        [faults.rule.bursts]
+        kind = "bursts"
+        mean_loss = 0.2
+        mean_length = 4
+        loss_good = 0.0
+        loss_bad = 1.0
+
+        [[faults.rule]]
+        during = [4.0, 4.5]
+
+        [faults.rule.partition]
+        kind = "partition"
+        groups = [[1, 2], [3, 4]]
+        """)
+    assert "faults" not in to_toml(load("position_swap").spec)
 
 
 OPTIONS = st.recursive(

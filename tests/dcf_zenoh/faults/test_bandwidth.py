@@ -142,6 +142,13 @@ def test_without_a_queue_nothing_waits() -> None:
     assert came == [True, False, False, True, False]
 
 
+def test_a_message_makes_room_in_the_queue_at_the_instant_at_which_it_leaves() -> None:
+    size = padded(0).size
+    fault = Bandwidth(rate=float(size), burst=size, queue=size)
+    offered = [padded(0)._replace(entered=at, due=at) for at in (0, 0, 0, S - 1, S)]
+    assert [[after.due for after in alone(fault, each)] for each in offered] == [[0], [S], [], [], [2 * S]]
+
+
 @pytest.mark.parametrize(
     ("options", "text"),
     [

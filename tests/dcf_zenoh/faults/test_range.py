@@ -27,6 +27,6 @@ def test_a_negative_distance_is_refused() -> None:
 
 
 def test_positions_of_different_dimensions_are_an_error() -> None:
-    text = r"^range: the position of agent 1 has 2 components, that of its receiver 3; there is no distance between them$"
+    text = r"^range: the position of agent 1 has 2 components, that of its receiver 3; "
     with pytest.raises(ConfigurationError, match=text):
         alone(Range(distance=1.0), delivery(position=(0.0, 0.0), here=(0.0, 0.0, 1.0)))
