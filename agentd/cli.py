@@ -102,6 +102,12 @@ def _parser() -> argparse.ArgumentParser:
     diff.add_argument(
         "--tolerance", type=float, default=0.0, metavar="X", help="largest deviation that is no difference"
     )
+    links = command("links", commands.links, "say how well each link of a run did, and export it for a replay")
+    links.add_argument("run", type=Path, metavar="RUN")
+    links.add_argument("--json", action="store_true", help="print one JSON object, times in s")
+    links.add_argument("--export", type=Path, metavar="FILE", help="write a profile, and print what replays it")
+    why = command("why", commands.why, "explain the closest approach of a run, and replay it without faults")
+    why.add_argument("run", type=Path, metavar="RUN")
     return parser
 
 

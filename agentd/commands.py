@@ -17,6 +17,7 @@ from dcf_zenoh.plugins import GROUPS
 from dcf_zenoh.run import Run
 
 Command: TypeAlias = Callable[[Namespace], int]
+WIDE = 160  # characters of a table that no screen cuts off
 
 
 def launch(options: Namespace) -> int:
@@ -149,6 +150,68 @@ def diff(options: Namespace) -> int:
     difference = compare(Run.read(options.a), Run.read(options.b), tolerance=options.tolerance)
     print(difference)
     return 0 if difference.identical else 1
+
+
+def links(options: Namespace) -> int:
+    """Print how well each link of RUN did: messages, losses and by what, latency, longest gap, clock offset.
+
+    Recorded is what came over links with faults, and on the wall clock over all links; other links in virtual time
+    lose and delay nothing, and their messages are only counted. On the wall clock a message is there when the
+    receiver's loop has read it, so latencies include waiting for the loop; those of messages that the loop found when
+    it woke up for a control step are left out. Between machines they are corrected by the clock offset that was
+    measured when the two agents met, where that exceeds its error; both are printed.
+
+    'lost by the network' means that numbers are missing between others. 'in a row' is the mean number of messages
+    lost one after the other, 'missing' counts rounds that ended without their message, 'longest gap' is the longest
+    time without a message; between two control steps there is always one.
+
+    With --export the measured latencies go into FILE, a profile, and the lines that make the links of a fleet do the
+    same are all that is printed: record a real network, replay it:
+      agentd links RUN --export lab.json >> my_fleet.toml
+    """
+    from agentd.links import links_object, links_table, replay_lines  # noqa: PLC0415
+    from dcf_zenoh.faults.profile import write_profile  # noqa: PLC0415
+    from dcf_zenoh.link_health import link_health  # noqa: PLC0415
+
+    found = Run.read(options.run)
+    health = link_health(found)
+    if options.export is not None:
+        profiles = [profile for each in health if (profile := each.profile)]
+        if not profiles:
+            raise RecordingError(f"{options.run}: there is nothing to export: no latency of any link was recorded")
+        try:
+            write_profile(options.export, profiles)
+        except OSError as error:
+            raise RecordingError(f"{options.export}: cannot be written: {error.strerror}") from error
+        print(f"agentd: {options.export}: profile of {len(profiles)} of {len(health)} links", file=sys.stderr)
+        print("agentd: a fleet file looks for it beside itself, unless its path is absolute", file=sys.stderr)
+    if options.json:
+        print(json.dumps(links_object(found, health)), file=options.output)
+    elif options.export is not None:
+        print(replay_lines(profiles, options.export, found), end="", file=options.output)
+    else:
+        console = Console(file=options.output)
+        console = console if console.is_terminal else Console(file=options.output, width=WIDE)
+        console.print(links_table(found, health))
+    return 0
+
+
+def why(options: Namespace) -> int:
+    """Explain the closest approach of RUN: what the network had to do with it.
+
+    Names the step and the pair of agents with the smallest barrier value (or distance, where there is no safety
+    region), and of the two steps that led there: what was lost or late on the links between the two (those of the
+    shortest path where they are no neighbours) and on all others to them, who was absent, how the rounds ended and
+    with which residual. Then the last of these steps is computed once more from the recorded states, without any
+    fault and with as many rounds as it takes, and what would have come of it is printed beside what did.
+    """
+    from agentd.why import why_lines  # noqa: PLC0415
+    from dcf_zenoh.explanation import explain  # noqa: PLC0415
+
+    found = Run.read(options.run)
+    for line in why_lines(found, explain(found)):
+        print(line, file=options.output)
+    return 0
 
 
 def _launch(fleet: LoadedFleet, folder: Path, options: Namespace) -> None:

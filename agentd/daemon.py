@@ -14,6 +14,7 @@ from pathlib import Path
 from types import FrameType
 from typing import TextIO
 
+from agentd.control import Control, changes_in
 from agentd.runner import Stopped, await_goodbyes, run_virtual, run_wall, spare_collector
 from dcf_zenoh.agent_log import AgentLog
 from dcf_zenoh.assembly import AgentParts, Blueprint, LastLife
@@ -95,7 +96,10 @@ def run_agent(fleet: LoadedFleet, task: Assignment) -> Last:
         status = Status(task.agent, task.status) if task.status else None
         observe = status.observe if status else lambda _record: None
         parts = blueprint.build(task.agent, stream, about, observe, life)
-        return _run(fleet, parts, network, hood.receives_from, offsets)
+        control = Control(task.agent, fleet, hood.receives_from, parts.links, parts.recorder)
+        if life:
+            control.restore(changes_in(read_log(task.folder, task.agent)))
+        return _run(fleet, parts, network, hood.receives_from, offsets, control)
 
 
 def last_life(folder: Path, agent: int) -> LastLife:
@@ -104,15 +108,24 @@ def last_life(folder: Path, agent: int) -> LastLife:
     Raises:
         RecordingError: There is no log, or no state in it.
     """
-    path = folder / log_name(agent)
-    try:
-        log = AgentLog.read(path.read_bytes(), str(path))
-    except OSError as error:
-        raise RecordingError(f"{path}: --rejoin: cannot be read: {error.strerror}") from error
+    log = read_log(folder, agent)
     if not len(log.state):
-        raise RecordingError(f"{path}: --rejoin: agent {agent} has not recorded a single step")
+        raise RecordingError(f"{folder / log_name(agent)}: --rejoin: agent {agent} has not recorded a single step")
     half = log.state.shape[1] // 2
     return LastLife(log.lives, State(read_only(log.state[-1, :half]), read_only(log.state[-1, half:])))
+
+
+def read_log(folder: Path, agent: int) -> AgentLog:
+    """What an agent has recorded in its earlier lives.
+
+    Raises:
+        RecordingError: There is no log, or it cannot be read.
+    """
+    path = folder / log_name(agent)
+    try:
+        return AgentLog.read(path.read_bytes(), str(path))
+    except OSError as error:
+        raise RecordingError(f"{path}: --rejoin: cannot be read: {error.strerror}") from error
 
 
 def _run(
@@ -121,6 +134,7 @@ def _run(
     network: Network,
     senders: tuple[int, ...],
     offsets: Mapping[int, ClockOffset],
+    control: Control,
 ) -> Last:
     last = Last.FAILED
     try:
@@ -128,7 +142,7 @@ def _run(
             parts.plant.prepare()
         spare_collector()
         if fleet.spec.time.clock == "wall":
-            last = run_wall(parts, network, offsets)
+            last = run_wall(parts, network, offsets, control.obey)
         else:
             last = run_virtual(parts, network, fleet.spec.zenoh.silence_timeout)
         await_goodbyes(parts, network, senders, GOODBYE_TIMEOUT)

@@ -136,19 +136,29 @@ class Stamps:
         return entered, now
 
 
-def run_wall(parts: AgentParts, network: Network, offsets: Mapping[int, ClockOffset]) -> Last:
+def run_wall(
+    parts: AgentParts,
+    network: Network,
+    offsets: Mapping[int, ClockOffset],
+    obey: Callable[[bytes, int], bytes] = lambda _request, _now: b"",
+) -> Last:
     """Run a loop in real time.
 
     Args:
         parts: The agent.
         network: Its session.
         offsets: Neighbour -> by how much its clock is ahead.
+        obey: Does what an operator asks for at a fleet time, in ns; its answer.
 
     Raises:
         DcfError: Whatever stops the loop.
     """
     clock, mailbox = WallClock(), parts.mailbox
-    feed = Feed(network, mailbox, Stamps(clock.now, offsets))
+
+    def obey_now(request: bytes) -> bytes:
+        return obey(request, max(0, clock.now()) if network.start else 0)  # before the start it is no fleet time
+
+    feed = Feed(network, mailbox, Stamps(clock.now, offsets), obey_now)
 
     def hear(request: Wait) -> None:
         """Wait for messages, at most until the request's time; nobody waits for the dead."""
@@ -162,8 +172,8 @@ def run_wall(parts: AgentParts, network: Network, offsets: Mapping[int, ClockOff
                     return
 
     def sleep(until: int) -> None:
-        while clock.now() < until:
-            feed.events(clock.deadline(until))
+        while feed.events(clock.deadline(until)) or clock.now() < until:  # who is always late hears events too
+            pass
         for j in mailbox.senders:  # whoever sleeps long must not hold the others up
             feed.drain(j)
 

@@ -136,10 +136,12 @@ class Agent:
         with blaming(AlgorithmError, f"{place} round {outcome.rounds}"):
             setpoint, late = self._in_time(outcome, state, late=now > due + self._sample_time)
             _check_sound(setpoint, outcome, place)
+        if not late and (moment := due + nanoseconds(self._controller.acts_after)) > now:
+            now = yield Wait(moment)
         with blaming(PlantError, f"{place}: act"):
             self._plant.act(setpoint, now)  # 3 act
         remark = self._watch_neighbours(step, now)
-        self._recorder.step(StepRecord.of(step, sensed, state, setpoint, outcome, late=late, remark=remark))  # 5 log
+        self._recorder.step(StepRecord.of(step, sensed, state, now, setpoint, outcome, late=late, remark=remark))  # 5 log
         if outcome.all_settled or self._exchange.departed(Last.ARRIVED):
             return Last.ARRIVED
         if self._lost and self._fleet.safety.neighbour_silent.then == "stop":

@@ -38,7 +38,7 @@ class StepRecord(NamedTuple):
         step: Control step k.
         sensed: When the state was measured.
         state: Position and velocity, m and m/s.
-        acted: When the setpoint went to the plant: end of the negotiation.
+        acted: When the setpoint went to the plant: at the end of the negotiation, or when it was meant to.
         setpoint: Position, velocity, acceleration as flown; NaN for no acceleration (come to rest).
         decision: The algorithm's decision.
         rounds: Communication rounds.
@@ -76,6 +76,7 @@ class StepRecord(NamedTuple):
         step: int,
         sensed: int,
         state: State,
+        acted: int,
         setpoint: Setpoint,
         outcome: Outcome[Decision],
         *,
@@ -87,7 +88,7 @@ class StepRecord(NamedTuple):
             step=step,
             sensed=sensed,
             state=state.vector.tolist(),
-            acted=outcome.now,
+            acted=acted,
             setpoint=setpoint.vector.tolist(),
             decision=outcome.result.value.ravel().tolist(),
             rounds=outcome.rounds,

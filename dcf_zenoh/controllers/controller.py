@@ -33,7 +33,13 @@ class Controller(ABC):
 
     A constructor's positional parameters are filled in by name from `problem`, `algorithm` (its options bound),
     `me` and `sample_time` (s). Its keyword-only parameters are the keys of ``[controller]``.
+
+    Attributes:
+        acts_after: Time from the beginning of the step to the moment for which setpoints are made, s. Earlier ones
+            wait until then.
     """
+
+    acts_after: float = 0.0
 
     @abstractmethod
     def control(self, state: State, step: int) -> Dialogue[Decision]:

@@ -82,7 +82,7 @@ class RecedingHorizon(Controller):
         self._problem = problem
         self._algorithm = algorithm
         self._me = me
-        self._predict_delay = predict_delay
+        self._predict_delay = self.acts_after = predict_delay
         self._others = Others(me, problem, sample_time, lost_after) if sharing == "ride" else None
         self._posed: StepProblem | None = None
         self._decision: Array = np.empty(0)

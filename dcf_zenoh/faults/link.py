@@ -66,12 +66,20 @@ class Link:
         self._state = self._philox.state  # nothing drawn yet, and it stays so but for the counter
         self._counter = self._state["state"]["counter"]
         self._layers = {layer.name: layer for layer in layers}
+        self._given = {name: len(layer.entries) for name, layer in self._layers.items()}
         self._order()
 
     def add(self, name: str, window: tuple[float, float], fault: Fault | None) -> None:
         """Let `fault` act on what enters within `window`, in ns, whatever was said before of this name."""
         self._layers.setdefault(name, Layer(name)).entries.append((window, fault))
         self._order()
+
+    def clear(self, instant: int) -> None:
+        """End at `instant`, in ns, all that was added: from then on the layers act as they were given."""
+        for layer in self._layers.values():
+            for place in range(self._given.get(layer.name, 0), len(layer.entries)):
+                (begin, end), fault = layer.entries[place]
+                layer.entries[place] = (begin, min(end, instant)), fault
 
     def convey(self, delivery: Delivery) -> Passage:
         """Lead one message through the chain. Messages come in the order in which they were sent."""

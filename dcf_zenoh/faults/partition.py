@@ -22,6 +22,7 @@ class Partition(Fault):
     """
 
     STAGE = Stage.CUT
+    AGENTS = ("groups",)
 
     def __init__(self, sender: int, receiver: int, *, groups: tuple[tuple[int, ...], ...]) -> None:
         if len(groups) < 2:

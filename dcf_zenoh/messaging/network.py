@@ -265,6 +265,8 @@ class Network:
                 meeting.lose(event.agent)
             elif isinstance(event, Refused):
                 aside.append(event)
+            elif isinstance(event, Command):
+                event.reply(b"")  # not yet
             elif isinstance(event, Hello) and meeting.hear(event):
                 self._greet([event.sender], meeting)
         self._greet(self._linked, meeting)
