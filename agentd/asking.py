@@ -29,7 +29,6 @@ def ask(address: Address, requests: Mapping[int, bytes], timeout: float) -> dict
     news: SimpleQueue[tuple[int, bytes | None]] = SimpleQueue()  # None: the agent can be reached
     answers: dict[int, bytes] = {}
     config = address.config()
-    config.insert_json5("listen/endpoints", "[]")
 
     def match(agent: int, status: zenoh.MatchingStatus) -> None:
         if status.matching:

@@ -125,6 +125,27 @@ def export(options: Namespace) -> int:
     return 0
 
 
+def fault(options: Namespace) -> int:
+    """Change the faults of a fleet that runs on the wall clock, on the links --from some agents --to others.
+
+    What follows the options is a fault as in [faults] of a fleet file: its name, and a value or keys with values.
+
+      agentd fault RUN --from 1 --to 2 loss 0.3
+      agentd fault RUN latency mean=0.03 distribution=normal std=0.01
+      agentd fault RUN partition '[[1,2],[3,4]]'
+      agentd fault RUN --to 2 loss off         no loss there, whatever the fleet file says
+      agentd fault RUN clear                   end what was changed: all is as in the fleet file again
+      agentd fault RUN show                    what acts on each link, and where it comes from
+      agentd fault RUN export                  what was changed, as rules for a fleet file, also after the run
+
+    Each change is in the log of the agents that it is for, with the time from which it acts. The exit code is 1 if
+    an agent does not answer or refuses.
+    """
+    from agentd.fault import fault as change_fault  # noqa: PLC0415 - Zenoh is for those who need it
+
+    return change_fault(options.run, options.senders, options.receivers, options.words)
+
+
 def rerun(options: Namespace) -> int:
     """Repeat RUN from what its directory holds (fleet file, plug-in files), and compare the two.
 

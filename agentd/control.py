@@ -6,7 +6,7 @@ Requests and answers are maps in msgpack. What an agent has done stands in its l
 import json
 from collections.abc import Iterable, Mapping
 from math import inf
-from typing import Annotated, Any, Literal, NamedTuple, TypeVar
+from typing import Annotated, Any, Literal, TypeVar
 
 import msgpack
 from pydantic import Field, TypeAdapter, ValidationError
@@ -56,11 +56,11 @@ class Done(Table):
 
     Attributes:
         time: Since when, fleet time in ns.
-        what: What it was asked for.
+        change: What it was asked for.
     """
 
     time: Annotated[int, Field(ge=0)]
-    what: Annotated[Change | Clear, Field(discriminator="do")]
+    change: Annotated[Change | Clear, Field(discriminator="do")]
 
 
 class Answer(Table):
@@ -121,7 +121,9 @@ def changes_in(log: AgentLog) -> tuple[Done, ...]:
         MessageError: The log says what nobody can have asked for.
     """
     found = [each for each in log.events if each["event"] == EVENT]
-    return tuple(_check({"time": each["time"], "what": each.get("what")}, _DONE, "a change of faults") for each in found)
+    return tuple(
+        _check({"time": each["time"], "change": each.get("change")}, _DONE, "a change of faults") for each in found
+    )
 
 
 class Control:
@@ -162,10 +164,10 @@ class Control:
             request = decode_request(data)
             if isinstance(request, Show):
                 return encode(Answer(agent=self._agent, time=now, changes=tuple(self._done)))
-            self._do(done := Done(time=now, what=request))
+            self._do(done := Done(time=now, change=request))
         except (MessageError, ConfigurationError) as error:
             return encode(Answer(agent=self._agent, time=now, error=str(error)))
-        self._recorder.event(EVENT, now, what=_plain(done.what))
+        self._recorder.event(EVENT, now, change=_plain(done.change))
         return encode(Answer(agent=self._agent, time=now, senders=request.senders))
 
     def restore(self, changes: Iterable[Done]) -> None:
@@ -178,7 +180,7 @@ class Control:
             self._do(done)
 
     def _do(self, done: Done) -> None:
-        what = done.what
+        what = done.change
         if strangers := sorted(set(what.senders) - set(self._neighbours)):
             raise MessageError(f"agent {self._agent} does not hear {listed(strangers)}; it hears {self._neighbours}")
         if isinstance(what, Clear):

@@ -53,9 +53,20 @@ def _rows(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
         ("computation per step", _spread(summary["compute_ms"], " ms")),
         ("negotiation per step", _spread(summary["negotiation_ms"], " ms") + model),
         ("messages", ", ".join(f"{count} {what}" for what, count in summary["messages"].items())),
-        ("digest", summary["digest"][:16]),
     ]
+    if summary["messages"]["lost"]:
+        rows.append(("messages lost", _losses(summary["lost_by"])))
+    if notes := {what: count for what, count in summary["notes"].items() if count}:
+        rows.append(("controllers noted", ", ".join(f"{count:g} {what}" for what, count in notes.items())))
+    rows.append(("digest", summary["digest"][:16]))
     return rows
+
+
+def _losses(lost_by: Mapping[str, Any]) -> str:
+    """How many were lost by which fault, and how many by the network."""
+    causes = [f"{count} by {fault!r}" for fault, count in lost_by["faults"].items()]
+    causes += [f"{lost_by['network']} by the network"] if lost_by["network"] else []
+    return ", ".join(causes)
 
 
 def _closest(summary: Mapping[str, Any]) -> str:

@@ -15,7 +15,7 @@ from dcf_zenoh.fate import Crashed, Fate
 from dcf_zenoh.messaging.message import Last
 from dcf_zenoh.plant import Array, Plant, Setpoint, State
 from dcf_zenoh.recording import Recorder, StepRecord
-from dcf_zenoh.requests import Loop, Start, Wait
+from dcf_zenoh.requests import NEVER, Loop, Start, Wait
 from dcf_zenoh.spec import Arrived, FleetSpec, nanoseconds
 
 START_LEAD = 50_000_000  # ns between the last agent's being ready and the common start
@@ -221,7 +221,9 @@ def _start(me: Me, exchange: Exchange, timeout: int) -> Loop[int]:
     now = yield Wait(0)
     outcome = yield from exchange.negotiate(_latest(me, now + START_LEAD), -1, now, until=now + timeout)
     if outcome.result is None:
-        raise NotReady(f"agent {me.id}: the fleet did not agree on a start within {timeout * 1e-9:g} s")
+        lost = [f"neighbour {j} is lost ({how})" for j, how in exchange.lost_neighbours(-1, 0, NEVER).items()]
+        why = "; ".join(lost) or f"not everybody was heard within {timeout * 1e-9:g} s"
+        raise NotReady(f"agent {me.id}: the fleet did not agree on a start: {why}")
     return (yield Start(outcome.result))
 
 

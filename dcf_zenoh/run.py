@@ -168,6 +168,11 @@ class Run:
         received, missing, late, lost = (
             int(sum(counts[:, column].sum() for log in logs for counts in log.links.values())) for column in range(4)
         )
+        never_came = sum(log.end["counts"].get("lost", 0) for log in logs if log.end)
+        lost_by = Counter(each.lost_by for log in logs for each in log.passed if each.lost_by)
+        notes: Counter[str] = Counter()
+        for each in (each for log in logs for each in log.notes):
+            notes.update(each)
         plants = {spec.plant.kind if spec.plant else "none" for spec in map(self.fleet.agent, self.fleet.ids)}
         return {
             "fleet": self.fleet.name,
@@ -189,10 +194,12 @@ class Run:
             "messages": {
                 "published": sum(log.end["counts"].get("published", 0) for log in logs if log.end),
                 "delivered": received + late,
-                "lost": lost + sum(log.end["counts"].get("lost", 0) for log in logs if log.end),
+                "lost": lost + never_came,
                 "late": late,
                 "missing": missing,
             },
+            "lost_by": {"faults": dict(sorted(lost_by.items())), "network": never_came},
+            "notes": dict(sorted(notes.items())),
             "digest": self.digest,
         }
 

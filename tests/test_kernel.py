@@ -126,7 +126,7 @@ def test_injected_bandwidth_is_that_of_a_token_bucket_in_the_kernel(cable: Cable
     """Rate, burst and queue are the same numbers on both sides, each in the bytes that it counts.
 
     The kernel counts Ethernet frames: the message, and what Zenoh, UDP, IP (nft sees so far) and Ethernet add, some 80
-    bytes here. The injected fault counts encoded messages. Both are offered three times as much as they carry.
+    bytes here. The injected fault counts encoded messages. Both are offered more than they carry.
     """
     rate, burst, queue = 100_000, 3000, 30_000  # bytes/s, bytes, bytes
     cable.inside(2, "nft", f"add rule inet kernel in udp length > {LARGE} counter")
@@ -141,7 +141,7 @@ def test_injected_bandwidth_is_that_of_a_token_bucket_in_the_kernel(cable: Cable
     windows = np.linspace(0.5, 4.0, 8)  # s; the queues fill up before
     flow = {}  # bytes/s, window by window
     for side, log in (("kernel", two), ("injected", one)):
-        assert offered[side] * sizes[side] > 2 * 4.0 * rate, "the link is not saturated"
+        assert offered[side] * sizes[side] > 1.5 * 4.0 * rate, "the link is not saturated"
         due = [each.due * 1e-9 for each in log.passed if each.due >= 0]
         flow[side] = np.histogram(due, windows)[0] * sizes[side] / np.diff(windows)
         assert flow[side].mean() == pytest.approx(rate, rel=0.03)

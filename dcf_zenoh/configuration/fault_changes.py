@@ -124,4 +124,6 @@ def _is_of(line: str, prefix: str) -> bool:
 def _plain(line: str, prefix: str) -> str:
     """A problem without the place in the file."""
     text = line.removeprefix(f"{prefix}: ").replace(f"{prefix}.", "")
-    return f"--{text}" if text.startswith(("from", "to")) and text.partition(":")[0].split(".")[0] in RULE_KEYS else text
+    return (
+        f"--{text}" if text.startswith(("from", "to")) and text.partition(":")[0].split(".")[0] in RULE_KEYS else text
+    )

@@ -76,7 +76,7 @@ class Address:
 
     Attributes:
         prefix: Start of all keys, ``dcf/<fleet>/<run>``.
-        listen: Endpoint this agent listens on.
+        listen: Endpoint this agent listens on; empty: nobody connects to it.
         connect: Endpoints it connects to.
         settings: Zenoh configuration keys as paths, with their values; they go over our own.
     """
@@ -95,7 +95,7 @@ class Address:
         config = zenoh.Config()
         ours: dict[str, Any] = {
             "mode": "peer",
-            "listen/endpoints": [self.listen],
+            "listen/endpoints": [self.listen] if self.listen else [],
             "connect/endpoints": list(self.connect),
             "connect/retry": {"period_init_ms": 20, "period_max_ms": 200, "period_increase_factor": 1.5},
             "open/return_conditions": {"connect_scouted": False, "declares": False},

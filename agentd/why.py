@@ -1,0 +1,154 @@
+"""The explanation of a closest approach, in words."""
+
+from collections.abc import Iterable, Iterator, Sequence
+
+from dcf_zenoh.explanation import AgentStep, Alternative, Explanation, LinkStep, StepBefore
+from dcf_zenoh.run import Run
+
+_ENDS = {
+    "agreed": "stopped by agreement",
+    "returned": "returned of its own accord",
+    "rounds": "was out of rounds",
+    "budget": "was out of time",
+}
+_ALIKE = 0.01  # of the barrier, or m: a replay that comes so near to the run makes no difference
+
+
+def why_lines(run: Run, found: Explanation) -> Iterator[str]:
+    """The text, line by line.
+
+    Args:
+        run: What is explained.
+        found: Its explanation.
+    """
+    sample_time = run.fleet.time.sample_time
+    one, other = found.pair
+    yield f"{run.fleet.name}, {run.name}: {run.fleet.topology.kind} topology, {run.fleet.time.clock} clock"
+    yield (
+        f"Closest approach: {_value(found, found.value)} between agents {one} and {other}"
+        f" at step {found.step} ({found.step * sample_time:.1f} s)."
+    )
+    if found.quantity == "barrier":
+        what = "violated: each is in the other's safety region" if found.value < 0 else "kept"
+        yield f"The barrier was {what} (h < 0 would be a violation)." if found.value >= 0 else f"The barrier was {what}."
+    if not found.before:
+        yield "The run begins there: no decision led to it."
+        return
+    if len(found.path[0]) > 2 or len(found.path[1]) > 2:
+        ways = " and ".join(" → ".join(map(str, way)) for way in found.path)
+        yield f"The two are no neighbours; the shortest paths between them are {ways}."
+    for step in found.before:
+        yield ""
+        yield from _step(run, found, step)
+    yield ""
+    yield "Without loss, latency and absence, and with as many rounds as it takes:"
+    for alternative in found.alternatives:
+        yield f"  {_alternative(found, alternative)}"
+    yield from _remarks(found.alternatives)
+    yield ""
+    yield _verdict(found)
+
+
+def _step(run: Run, found: Explanation, step: StepBefore) -> Iterator[str]:
+    yield f"Step {step.step} ({step.step * run.fleet.time.sample_time:.1f} s), began at {_value(found, step.value)}:"
+    for link in step.between:
+        yield f"  {link.sender} → {link.receiver}: {_link(link)}"
+    pair = " and ".join(map(str, found.pair))
+    for links, where in ((step.others, f"other links to {pair}"), (step.elsewhere, "all other links")):
+        if links:
+            yield f"  {where}: {_total(links)}"
+    for agent in step.agents:
+        yield f"  agent {agent.agent} {_end(agent, run.fleet.exchange.threshold)}"
+    others = [each for each in step.absent if each.agent not in found.pair]
+    for agent in others:
+        yield f"  agent {agent.agent} {_end(agent, run.fleet.exchange.threshold)}"
+
+
+def _link(link: LinkStep) -> str:
+    parts = []
+    if link.lost_count:
+        causes = [
+            f"{len(rounds)} by {cause} (round{'s' * (len(rounds) > 1)} {_ranges(rounds)})"
+            for cause, rounds in link.lost.items()
+        ]
+        parts.append(f"{link.lost_count} of {link.sent} messages lost: {', '.join(causes)}")
+    else:
+        parts.append(f"none of {link.sent} messages lost")
+    parts.append(f"{link.late} late")
+    parts.append(f"{link.missing} rounds ended without one")
+    return "; ".join(parts)
+
+
+def _total(links: Sequence[LinkStep]) -> str:
+    sent, lost = sum(link.sent for link in links), sum(link.lost_count for link in links)
+    late, missing = sum(link.late for link in links), sum(link.missing for link in links)
+    return f"{lost} of {sent} messages lost; {late} late; {missing} rounds ended without one"
+
+
+def _end(agent: AgentStep, threshold: float) -> str:
+    if agent.absent:
+        return "took no part" + (f": {agent.remark}" if agent.remark else "")
+    text = f"{_ENDS.get(agent.stopped_by, agent.stopped_by)} after {agent.rounds} rounds"
+    text += f", residual {agent.residual:.2g} (threshold {threshold:g})"
+    if agent.overran:
+        text += "; too late for its own setpoint"
+    if agent.notes:
+        text += "; noted " + ", ".join(f"{count:g} {name}" for name, count in agent.notes.items())
+    return text + (f"; {agent.remark}" if agent.remark else "")
+
+
+def _alternative(found: Explanation, alternative: Alternative) -> str:
+    again = alternative.replay
+    steps = f"step {again.first}" if again.end == again.first + 1 else f"steps {again.first} to {again.end - 1}"
+    rounds = f"{again.rounds} rounds" if again.end == again.first + 1 else f"up to {again.rounds} rounds"
+    how = f"{rounds}, {'agreed' if again.agreed else 'still without agreement'}"
+    return (
+        f"{steps} once more ({how}): {_value(found, alternative.value)} at step {again.end}"
+        f" instead of {found.value:.3f}{_unit(found)}"
+    )
+
+
+def _remarks(alternatives: Iterable[Alternative]) -> Iterator[str]:
+    free = sorted({agent for each in alternatives for agent in each.replay.free})
+    if free:
+        who = "agent" if len(free) == 1 else "agents"
+        yield f"  Free bodies stood in for the plants of {who} {', '.join(map(str, free))}, which cannot be replayed."
+
+
+def _verdict(found: Explanation) -> str:
+    gain = max(each.value for each in found.alternatives) - found.value
+    if not found.disturbed:
+        text = "Nothing was lost, late or absent in these steps: the network is not the cause."
+        if gain > _ALIKE:
+            text += " What the replay gains, it gains by more rounds and by setpoints that act at once."
+        return text
+    if gain <= _ALIKE:
+        return (
+            "Something was lost, late or absent in these steps, but without it the two would have come as close: it is"
+            " not the cause."
+        )
+    safe = next((each for each in found.alternatives if each.value >= 0), None)
+    if found.quantity == "barrier" and found.value < 0:
+        if safe is None:
+            return "Without it the two would have stayed further apart, but not out of each other's safety regions."
+        return f"Without it from step {safe.replay.first} on, the barrier would have been kept."
+    return f"Without it the two would have stayed further apart, by up to {gain:.3f}{_unit(found)}."
+
+
+def _value(found: Explanation, value: float) -> str:
+    return f"h = {value:.3f}" if found.quantity == "barrier" else f"distance {value:.3f} m"
+
+
+def _unit(found: Explanation) -> str:
+    return "" if found.quantity == "barrier" else " m"
+
+
+def _ranges(numbers: Iterable[int]) -> str:
+    """Ascending numbers, neighbours joined: 3, 7–9."""
+    runs: list[list[int]] = []
+    for number in sorted(numbers):
+        if runs and number == runs[-1][-1] + 1:
+            runs[-1].append(number)
+        else:
+            runs.append([number])
+    return ", ".join(str(run[0]) if len(run) == 1 else f"{run[0]}–{run[-1]}" for run in runs)

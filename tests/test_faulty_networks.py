@@ -1,0 +1,129 @@
+"""Fleets over bad networks: the same faults again, nothing that hangs, and who dies comes back."""
+
+import random
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import dcf_zenoh
+from dcf_zenoh.errors import NeighbourLost
+from dcf_zenoh.run import Run
+from tests.test_reproducibility import both_cores_busy, launch
+
+FLEETS = ("position_swap_lossy", "position_swap_async", "position_swap_partition")
+DYING = [
+    "time.duration=4.0",
+    "agents.1.faults.crash.at=0.85",
+    "agents.1.faults.crash.restart_after=1.2",
+    "agents.2.faults.pause=[0.5, 0.58]",
+    "agents.3.faults.slow.factor=2.0",
+    "exchange.compute_time=1e-4",
+]
+
+
+def links(run: Run) -> dict[int, Any]:
+    """What the links did to every message."""
+    return {i: log.passed for i, log in run.agents.items()}
+
+
+@pytest.mark.parametrize("fleet", FLEETS)
+def test_daemons_lose_and_delay_the_same_messages_as_the_simulator(fleet: str, tmp_path: Path) -> None:
+    changes = ["time.duration=2.0"]
+    if fleet.endswith("partition"):
+        changes.append("faults.rule.1.during=[0.5, 1.2]")
+    simulated = dcf_zenoh.simulate(fleet, changes=changes)
+    options = [word for change in changes for word in ("--set", change)]
+    with both_cores_busy():
+        summary = launch(fleet, tmp_path / "run", *options)
+    launched = Run.read(tmp_path / "run")
+    assert summary["digest"] == launched.digest == simulated.digest
+    assert links(launched) == links(simulated)
+    assert any(each.lost_by for log in simulated.agents.values() for each in log.passed)
+    other = dcf_zenoh.simulate(fleet, changes=changes, seed=2)
+    if not fleet.endswith("partition"):  # which needs no dice
+        assert other.digest != simulated.digest
+        assert links(other) != links(simulated)
+
+
+@pytest.mark.parametrize("mode", ["synchronous", "asynchronous"])
+def test_a_crash_a_restart_and_a_pause_are_repeated_to_the_bit(mode: str, tmp_path: Path) -> None:
+    changes = [*DYING, f"exchange.mode='{mode}'"]
+    simulated = dcf_zenoh.simulate("position_swap_lossy", changes=changes)
+    launch("position_swap_lossy", tmp_path / "run", *[word for change in changes for word in ("--set", change)])
+    launched = Run.read(tmp_path / "run")
+    assert launched.digest == simulated.digest
+    assert links(launched) == links(simulated)
+    dead = simulated.agents[1]
+    assert [(event["event"], event["time"]) for event in dead.events] == [
+        ("crashed", 850_000_000),
+        ("restarted", 2_200_000_000),
+    ]
+    assert dead.step.tolist() == list(range(20))
+    assert [k for k, how in enumerate(dead.stopped_by) if how == "abstained"] == list(range(4, 11))
+
+
+@pytest.mark.parametrize("mode", ["synchronous", "asynchronous"])
+@pytest.mark.parametrize("seed", range(3))
+def test_the_order_of_resumption_does_not_matter_with_faults(mode: str, seed: int) -> None:
+    changes = [*DYING, f"exchange.mode='{mode}'", "time.duration=2.6"]
+    straight = dcf_zenoh.simulate("position_swap_lossy", changes=changes)
+    shuffled = dcf_zenoh.simulate("position_swap_lossy", changes=changes, choose=random.Random(seed).randrange)
+    assert shuffled.digest == straight.digest
+    assert links(shuffled) == links(straight)
+
+
+def test_an_agent_that_crashed_and_came_back_reaches_its_target() -> None:
+    changes = ["agents.1.faults.crash.at=3.05", "agents.1.faults.crash.restart_after=2.0"]
+    run = dcf_zenoh.simulate("position_swap_lossy", changes=changes)
+    assert run.arrival_time is not None
+    assert run.complete
+    assert run.barriers.min() > 0
+    assert all(log.step.tolist() == list(range(len(log.step))) for log in run.agents.values())
+    for j in (2, 3, 4):
+        said = " ".join(run.agents[j].remarks)
+        assert "neighbour 1 is lost (nothing heard for 0." in said
+        assert "neighbour 1 is back" in said
+
+
+def test_a_neighbour_that_stays_dead_is_an_obstacle_where_it_was() -> None:
+    run = dcf_zenoh.simulate("position_swap_lossy", changes=["agents.1.faults.crash.at=3.05", "time.duration=14.0"])
+    rest = run.agents[1].path[-1]
+    assert abs(run.agents[1].path[20:] - rest).max() < 0.2
+    assert run.barriers.min() > 0
+    for j in (2, 3, 4):
+        assert abs(run.agents[j].path[-1] - run.targets[j]).max() < 0.6  # as near as the obstacle lets it
+
+
+@pytest.mark.parametrize("algorithm", ["robust", "plain"])
+@pytest.mark.parametrize("rule", ["", "{from=1, to=2, loss=1.0}", "{to=3, loss=1.0}"])
+def test_nothing_hangs_when_all_messages_are_lost(rule: str, algorithm: str) -> None:
+    changes = ["time.duration=2.0", f"faults.rule=[{rule}]", f"faults.loss={0.0 if rule else 1.0}"]
+    choice = "trades_robust" if algorithm == "robust" else "plain"
+    run = dcf_zenoh.simulate("position_swap_lossy", algorithm=choice, changes=changes)
+    assert run.steps == 10
+    assert run.complete
+
+
+def test_a_silent_neighbour_ends_the_run_if_the_fleet_file_says_stop() -> None:
+    changes = ["agents.1.faults.crash.at=1.0", "safety.neighbour_silent.then='stop'"]
+    with pytest.raises(NeighbourLost, match=r"agent \d: step \d: neighbour 1 is lost \(nothing heard for 0\.\d+ s\)"):
+        dcf_zenoh.simulate("position_swap_lossy", changes=changes)
+
+
+def test_with_plain_trades_the_run_completes_and_is_worse() -> None:
+    plain = dcf_zenoh.simulate("position_swap_lossy", algorithm="plain")
+    robust = dcf_zenoh.simulate("position_swap_lossy")
+    assert plain.complete
+    assert robust.barriers.min() > 0.05
+    assert plain.barriers.min() < robust.barriers.min() - 0.05
+
+
+def test_the_silent_are_not_waited_for() -> None:
+    """Of 40 rounds of at most 3 ms, 20 are waited for in the first step, and none later."""
+    changes = ["time.duration=1.0", "faults.rule=[{from=1, loss=1.0}]", "faults.loss=0.0", "faults.latency=0.0"]
+    run = dcf_zenoh.simulate("position_swap_lossy", changes=[*changes, "exchange.threshold=0.0"])
+    took = run.agents[2].negotiation
+    assert 0.02 * 3 <= took[0] <= 0.1 + 1e-9
+    assert took[1:].tolist() == pytest.approx([0.1] * 4)  # when the setpoint acts: nothing else is waited for
+    assert run.agents[2].links[1][:, 0].sum() == 0
