@@ -141,7 +141,8 @@ class Agent:
         with blaming(PlantError, f"{place}: act"):
             self._plant.act(setpoint, now)  # 3 act
         remark = self._watch_neighbours(step, now)
-        self._recorder.step(StepRecord.of(step, sensed, state, now, setpoint, outcome, late=late, remark=remark))  # 5 log
+        record = StepRecord.of(step, sensed, state, now, setpoint, outcome, late=late, remark=remark)
+        self._recorder.step(record)  # 5 log
         if outcome.all_settled or self._exchange.departed(Last.ARRIVED):
             return Last.ARRIVED
         if self._lost and self._fleet.safety.neighbour_silent.then == "stop":

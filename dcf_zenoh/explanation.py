@@ -2,7 +2,7 @@
 
 from collections import deque
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations, pairwise
 from pathlib import Path
 
@@ -32,6 +32,7 @@ class LinkStep:
         lost: By what messages were lost -> the rounds in which those were sent.
         late: Messages that came after their round had ended, or after a newer one.
         missing: Rounds that the receiver ended without the message of the round.
+        latency: Mean latency of the messages that came, s; None where it is not known.
     """
 
     sender: int
@@ -40,6 +41,7 @@ class LinkStep:
     lost: Mapping[str, tuple[int, ...]]
     late: int
     missing: int
+    latency: float | None
 
     @property
     def lost_count(self) -> int:
@@ -61,6 +63,7 @@ class AgentStep:
         stopped_by: What ended its rounds, as its log says; empty if it has no record of the step.
         rounds: How many there were.
         residual: Its own residual at the stop.
+        acted_after: Time from the measurement until its setpoint acted, s.
         overran: Not its own decision flew, but what the fleet file says for that case.
         notes: What its controller counted, if that is more than nothing.
         remark: What else its log says.
@@ -70,6 +73,7 @@ class AgentStep:
     stopped_by: str
     rounds: int
     residual: float
+    acted_after: float
     overran: bool
     notes: Mapping[str, float]
     remark: str
@@ -105,8 +109,12 @@ class StepBefore:
     @property
     def disturbed(self) -> bool:
         """Whether anything in the fleet was not there in time."""
-        links = (*self.between, *self.others, *self.elsewhere)
-        return bool(self.absent) or any(link.disturbed for link in links)
+        return bool(self.absent) or any(link.disturbed for link in self.links)
+
+    @property
+    def links(self) -> tuple[LinkStep, ...]:
+        """All links of the fleet."""
+        return self.between + self.others + self.elsewhere
 
 
 @dataclass(frozen=True)
@@ -149,6 +157,11 @@ class Explanation:
         """Whether anything in the fleet was lost, late or absent in the steps before."""
         return any(each.disturbed for each in self.before)
 
+    @property
+    def took_time(self) -> bool:
+        """Whether messages took any time to come."""
+        return any(link.latency for each in self.before for link in each.links)
+
 
 def explain(run: Run) -> Explanation:
     """Look at the closest approach of `run`, at what the links did before, and at what would have come without it.
@@ -187,7 +200,7 @@ def explain(run: Run) -> Explanation:
             break
         again = replay(run, step - back, step)
         alternatives.append(Alternative(again, _value(run, again, pair)))
-    return Explanation(**{**vars(found), "alternatives": tuple(alternatives)})
+    return replace(found, alternatives=tuple(alternatives))
 
 
 def _values(run: Run) -> Array:
@@ -253,26 +266,31 @@ def _step_before(
 
 def _link_step(log: AgentLog, health: LinkHealth, step: int) -> LinkStep:
     lost: dict[str, list[int]] = {}
-    for each in health.crossings:
-        if each.step == step and each.lost_by:
+    latencies = []
+    for each in (each for each in health.crossings if each.step == step):
+        if each.lost_by:
             lost.setdefault(each.lost_by, []).append(each.round)
+        else:
+            latencies.append((each.due - each.entered) * 1e-9)
     rows = np.flatnonzero(log.step == step)
     sent, _, late = health.per_step[step] if step < len(health.per_step) else (0, 0, 0)
     missing = log.links[health.sender][rows, 1].sum()
     by = {cause: tuple(rounds) for cause, rounds in sorted(lost.items(), key=lambda entry: entry[0] == NETWORK)}
-    return LinkStep(health.sender, health.receiver, int(sent), by, int(late), int(missing))
+    latency = float(np.mean(latencies)) if latencies else None
+    return LinkStep(health.sender, health.receiver, int(sent), by, int(late), int(missing), latency)
 
 
 def _agent_step(log: AgentLog, step: int) -> AgentStep:
     rows = np.flatnonzero(log.step == step)
     if not len(rows):
-        return AgentStep(log.agent, "", 0, float("inf"), False, {}, "")
+        return AgentStep(log.agent, "", 0, float("inf"), 0.0, False, {}, "")
     row = int(rows[-1])
     return AgentStep(
         agent=log.agent,
         stopped_by=log.stopped_by[row],
         rounds=int(log.rounds[row]),
         residual=float(log.residual[row]),
+        acted_after=float(log.negotiation[row]),
         overran=bool(log.late[row]),
         notes={name: count for name, count in log.notes[row].items() if count},
         remark=log.remarks[row],

@@ -161,7 +161,8 @@ def _health(log: AgentLog, sender: int, sample_time: int, *, wall: bool) -> Link
         per_step[each.step, 0] += 1
         per_step[each.step, 1] += bool(each.lost_by)
     came = [each for each in crossings if not each.lost_by]
-    latencies = [(each.due - each.entered) * 1e-9 for each in came if not (wall and _waited(each.due, log, sample_time))]
+    timed = [each for each in came if not (wall and _waited(each.due, log, sample_time))]
+    latencies = [(each.due - each.entered) * 1e-9 for each in timed]
     first, last = float(log.sensed[0]), float(log.acted[-1])
     instants = np.sort([first, *(each.due * 1e-9 for each in came if first < each.due * 1e-9 < last), last])
     ahead, error = _clock(log, sender) if wall else (None, None)
@@ -212,7 +213,7 @@ def _gap(before: Crossing, after: Crossing) -> Iterator[Crossing]:
 
 
 def absences(log: AgentLog) -> tuple[int, ...]:
-    """Steps of an agent's log in which it took no part: it was dead, or did nothing but hold. Not after its last one."""
+    """Steps up to the last one in a log in which its agent took no part: it was dead, or did nothing but hold."""
     if not len(log.step):
         return ()
     took_part = {int(step) for step, word in zip(log.step, log.stopped_by, strict=True) if word != "abstained"}

@@ -185,7 +185,7 @@ class Reception:
             if delivery.due > now:
                 later.append(delivery)
                 continue
-            anything = True
+            anything = anything or message.step >= min(self._step, 0)  # the start is no sign of life in flight
             if message.last:
                 self._end(message)
                 continue

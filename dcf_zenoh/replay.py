@@ -131,9 +131,7 @@ def _undisturbed(spec: FleetSpec, steps: int, free: tuple[int, ...]) -> FleetSpe
         max_rounds=ROUNDS, threshold=_CLOSER * spec.exchange.threshold, margin=0, budget=3600.0,
         missing=spec.exchange.missing, late=spec.exchange.late,
     )  # fmt: skip
-    time = spec.time.model_copy(
-        update={"clock": "virtual", "duration": steps * spec.time.sample_time, "arrived": None}
-    )
+    time = spec.time.model_copy(update={"clock": "virtual", "duration": steps * spec.time.sample_time, "arrived": None})
     return spec.model_copy(
         update={
             "agents": agents,

@@ -3,11 +3,9 @@
 import json
 import subprocess
 import sys
-from pathlib import Path
 from typing import Any
 
 import pytest
-
 
 KILLS = 50
 STEPS = 16  # of the fleet
