@@ -29,6 +29,7 @@ def ask(address: Address, requests: Mapping[int, bytes], timeout: float) -> dict
     news: SimpleQueue[tuple[int, bytes | None]] = SimpleQueue()  # None: the agent can be reached
     answers: dict[int, bytes] = {}
     config = address.config()
+    config.insert_json5("transport/unicast/open_timeout", str(round(timeout * 500)))  # ms; closing waits for it
 
     def match(agent: int, status: zenoh.MatchingStatus) -> None:
         if status.matching:
@@ -46,10 +47,7 @@ def ask(address: Address, requests: Mapping[int, bytes], timeout: float) -> dict
         queriers = {
             agent: session.declare_querier(f"{address.prefix}/control/{agent}", timeout=timeout) for agent in requests
         }
-        for agent, querier in queriers.items():
-            querier.declare_matching_listener(partial(match, agent))
-            if querier.matching_status:
-                news.put((agent, None))
+        listeners = [each.declare_matching_listener(partial(match, agent)) for agent, each in queriers.items()]
         asked = set()
         while len(answers) < len(requests):
             try:
@@ -61,4 +59,6 @@ def ask(address: Address, requests: Mapping[int, bytes], timeout: float) -> dict
             elif agent not in asked:
                 asked.add(agent)
                 queriers[agent].get(partial(answer, agent), payload=requests[agent])
+        for listener in listeners:  # they listen for as long as they are held
+            listener.undeclare()  # type: ignore[no-untyped-call]
     return answers

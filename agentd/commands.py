@@ -108,7 +108,7 @@ def plugins(options: Namespace) -> int:
 
 
 def report(options: Namespace) -> int:
-    """Draw the figures of one run, or of several side by side: paths, times, separation, convergence (PNG, PDF)."""
+    """Draw the figures of one run, or of several side by side (PNG, PDF): paths, times, separation, links, and more."""
     from agentd.report import write_report  # noqa: PLC0415
 
     runs = [Run.read(folder) for folder in options.runs]
@@ -165,7 +165,10 @@ def rerun(options: Namespace) -> int:
 
 
 def diff(options: Namespace) -> int:
-    """Compare two runs: prints 'identical', or where they first differ and the largest deviations."""
+    """Compare two runs: prints 'identical', or where they first differ and the largest deviations.
+
+    Of runs in virtual time the messages that links lost or delayed are compared too.
+    """
     from dcf_zenoh.comparison import compare  # noqa: PLC0415
 
     difference = compare(Run.read(options.a), Run.read(options.b), tolerance=options.tolerance)
@@ -190,7 +193,7 @@ def links(options: Namespace) -> int:
     same are all that is printed: record a real network, replay it:
       agentd links RUN --export lab.json >> my_fleet.toml
     """
-    from agentd.links import links_object, links_table, replay_lines  # noqa: PLC0415
+    from agentd.links import links_object, links_table, remark, replay_lines, title  # noqa: PLC0415
     from dcf_zenoh.faults.profile import write_profile  # noqa: PLC0415
     from dcf_zenoh.link_health import link_health  # noqa: PLC0415
 
@@ -213,7 +216,7 @@ def links(options: Namespace) -> int:
     else:
         console = Console(file=options.output)
         console = console if console.is_terminal else Console(file=options.output, width=WIDE)
-        console.print(links_table(found, health))
+        console.print(title(found, health), links_table(health), remark(found, health), sep="\n", highlight=False)
     return 0
 
 

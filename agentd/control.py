@@ -182,7 +182,9 @@ class Control:
     def _do(self, done: Done) -> None:
         what = done.change
         if strangers := sorted(set(what.senders) - set(self._neighbours)):
-            raise MessageError(f"agent {self._agent} does not hear {listed(strangers)}; it hears {self._neighbours}")
+            raise MessageError(
+                f"agent {self._agent} does not hear {listed(strangers)}; it hears {listed(self._neighbours)}"
+            )
         if isinstance(what, Clear):
             for j in what.senders:
                 if j in self._links:

@@ -2,6 +2,7 @@
 
 import sys
 from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 from agentd.asking import ask
@@ -37,7 +38,7 @@ def fault(name: str, senders: str | None, receivers: str | None, words: Sequence
     if rest and what in ("clear", *LOOKS):
         raise ConfigurationError(f"{what}: expected nothing more, not {' '.join(rest)!r}")
     folder = find_run(name)
-    if str(folder) != str(name).rstrip("/"):
+    if folder != Path(name):
         _say(f"note: the run is {folder}")
     run = Whereabouts.read(folder)
     ends = _ids("--from", senders), _ids("--to", receivers)
@@ -60,6 +61,10 @@ def fault(name: str, senders: str | None, receivers: str | None, words: Sequence
     answers, complaints = _ask(run, requests)
     for j, answer in answers.items():
         print(f"{listed(answer.senders)} -> {j}: {text}, from {answer.time * 1e-9:.3f} s on")
+    if complaints:
+        complaints.append(
+            f"what acts where, now or when a slow agent has caught up, tells agentd fault {run.folder} show"
+        )
     return _complain(complaints)
 
 
@@ -92,21 +97,26 @@ def _export(run: Whereabouts, found: Iterable[Stretch]) -> None:
 
 
 def _history(run: Whereabouts, agents: Iterable[int]) -> tuple[dict[int, int], dict[int, tuple[Done, ...]], list[str]]:
-    """Agent -> its time in ns, agent -> what was changed on the links to it, and who cannot tell."""
+    """Agent -> its time in ns, agent -> what was changed on the links to it, and who does not tell.
+
+    What an agent does not tell, its log may.
+    """
+    answers: dict[int, Answer] = {}
+    complaints: list[str] = []
     if not run.over and run.fleet.spec.time.clock == "wall":
         answers, complaints = _ask(run, {j: encode(Show()) for j in agents})
-        return (
-            {j: answer.time for j, answer in answers.items()},
-            {j: answer.changes for j, answer in answers.items()},
-            complaints,
-        )
-    logs = {j: run.logs[j] for j in agents if j in run.logs}
-    missing = [f"agent {j}: there is no log of it in {run.folder}" for j in agents if j not in logs]
-    times = {
-        j: max(0, log.end["time"] if log.end else 0, nanoseconds(log.acted[-1]) if len(log.acted) else 0)
-        for j, log in logs.items()
-    }
-    return times, {j: changes_in(log) for j, log in logs.items()}, missing
+    times = {j: answer.time for j, answer in answers.items()}
+    changes = {j: answer.changes for j, answer in answers.items()}
+    for j in agents:
+        if j in answers:
+            continue
+        if j not in run.logs:
+            complaints.append(f"agent {j}: there is no log of it in {run.folder}")
+            continue
+        log = run.logs[j]
+        times[j] = max(0, log.end["time"] if log.end else 0, nanoseconds(log.acted[-1]) if len(log.acted) else 0)
+        changes[j] = changes_in(log)
+    return times, changes, complaints
 
 
 def _ask(run: Whereabouts, requests: Mapping[int, bytes]) -> tuple[dict[int, Answer], list[str]]:
@@ -115,10 +125,7 @@ def _ask(run: Whereabouts, requests: Mapping[int, bytes]) -> tuple[dict[int, Ans
     found = ask(run.address, requests, TIMEOUT)
     for j in sorted(requests):
         if j not in found:
-            complaints.append(
-                f"agent {j} did not answer within {TIMEOUT:g} s; if it is only slow it may still do as it was told,"
-                f" which agentd fault {run.folder} show tells"
-            )
+            complaints.append(f"agent {j} did not answer within {TIMEOUT:g} s")
             continue
         try:
             answer = decode_answer(found[j], j)

@@ -17,14 +17,14 @@ _DECIMALS = 4  # of shares and mean lengths in a fleet file
 _MOST_LOSS = 0.9999
 
 
-def links_table(run: Run, health: Sequence[LinkHealth]) -> Table:
+def title(run: Run, health: Sequence[LinkHealth]) -> str:
+    """What stands above the table."""
+    return f"{run.fleet.name}, {run.name}: {len(health)} links, {run.fleet.time.clock} clock"
+
+
+def links_table(health: Sequence[LinkHealth]) -> Table:
     """What `link_health` found, a row for each link; columns in which there is nothing are left out."""
-    clock = run.fleet.time.clock
-    table = Table(
-        title=f"{run.fleet.name}, {run.name}: {len(health)} links, {clock} clock",
-        title_justify="left", caption="\n".join(_remarks(run, health)), caption_justify="left", box=box.SIMPLE_HEAD,
-        padding=(0, 1, 0, 0),
-    )  # fmt: skip
+    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
     columns: list[tuple[str, list[str], bool]] = [
         ("link", [f"{each.sender} → {each.receiver}" for each in health], True),
         ("messages", [str(each.sent) for each in health], True),
@@ -38,7 +38,7 @@ def links_table(run: Run, health: Sequence[LinkHealth]) -> Table:
             (f"{head}\nms", [_ms(each.latency(p)) for each in health], any(each.latencies.size for each in health))
             for head, p in (("latency\n50 %", 0.5), ("\n95 %", 0.95), ("\n99 %", 0.99), ("\nmost", 1.0))
         ),
-        ("longest\ngap, s", [f"{each.longest_gap:.3f}" for each in health], True),
+        ("longest\ngap, s", [_seconds(each.longest_gap) for each in health], any(each.recorded for each in health)),
         ("clock of sender\nahead, ms", [_clock(each) for each in health], any(each.clock_error for each in health)),
     ]
     shown = [(head, cells) for head, cells, wanted in columns if wanted]
@@ -49,19 +49,19 @@ def links_table(run: Run, health: Sequence[LinkHealth]) -> Table:
     return table
 
 
-def _remarks(run: Run, health: Sequence[LinkHealth]) -> list[str]:
-    """How the numbers are to be read."""
+def remark(run: Run, health: Sequence[LinkHealth]) -> str:
+    """How the numbers are to be read; empty if there is nothing to say."""
     if run.fleet.time.clock == "wall":
-        return [
+        return (
             "A message is there when the receiver's loop has read it: latencies include waiting for the loop, and those"
             " of messages that it found when it woke up for a control step are left out. They are corrected for clocks"
             " that are further ahead than the error of that number."
-        ]
+        )
     if not any(each.recorded for each in health):
-        return ["These links have no faults; in virtual time they lose and delay nothing, and messages are only counted."]
+        return "Links without faults lose and delay nothing in virtual time: messages are only counted."
     if bare := [f"{each.sender} → {each.receiver}" for each in health if not each.recorded]:
-        return [f"Without faults, and therefore only counted: {', '.join(bare)}."]
-    return []
+        return f"Without faults, and therefore only counted: {', '.join(bare)}."
+    return ""
 
 
 def links_object(run: Run, health: Sequence[LinkHealth]) -> dict[str, Any]:
@@ -110,9 +110,7 @@ def replay_lines(profiles: Iterable[LinkProfile], file: Path, run: Run) -> str:
         length = round(max(1.0, each.mean_burst), _DECIMALS)
         most = length / (1 + length) - 10**-_DECIMALS  # there is at least one message between two bursts
         loss = round(min(each.lost / each.messages, most, _MOST_LOSS), _DECIMALS)
-        rules.append(
-            {"from": each.sender, "to": each.receiver, "bursts": {"mean_loss": loss, "mean_length": length}}
-        )
+        rules.append({"from": each.sender, "to": each.receiver, "bursts": {"mean_loss": loss, "mean_length": length}})
     return f"\n# Links as measured in {run.fleet.name}, {run.name}.\n" + _inline(rules)
 
 
@@ -136,6 +134,10 @@ def _causes(health: LinkHealth) -> str:
 
 def _ms(seconds: float | None) -> str:
     return "" if seconds is None else f"{seconds * 1e3:.2f}"
+
+
+def _seconds(value: float | None) -> str:
+    return "" if value is None else f"{value:.3f}"
 
 
 def _clock(health: LinkHealth) -> str:

@@ -60,7 +60,7 @@ def rules(found: Iterable[Stretch], length: float) -> list[dict[str, Any]]:
     """What was changed, as rules for the end of the fleet file; what did not act within `length`, in s, is left out."""
     tables = []
     for stretch in found:
-        begin, end = stretch.begin * 1e-9, length if stretch.end is None else stretch.end * 1e-9
+        begin, end = _seconds(stretch.begin), length if stretch.end is None else _seconds(stretch.end)
         if begin < min(end, length):
             ends = {"from": _short(stretch.senders), "to": stretch.receiver, "during": [begin, end]}
             tables.append({**ends, stretch.name: stretch.fault and plain(stretch.name, stretch.fault)})
@@ -121,12 +121,19 @@ def _key(name: str) -> str:
     return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else inline(name)
 
 
+def _seconds(time: int) -> float:
+    """Such as come out as the same number of ns again."""
+    return round(time * 1e-9, 9)
+
+
 def _short(ids: tuple[int, ...]) -> int | list[int]:
     return ids[0] if len(ids) == 1 else list(ids)
 
 
 def _text(name: str, fault: Switch) -> str:
-    return inline(plain(name, fault)) if fault else "off"
+    return (
+        ", ".join(f"{key} = {inline(value)}" for key, value in plain(name, fault).items()) or "on" if fault else "off"
+    )
 
 
 def _told(stretch: Stretch) -> str:

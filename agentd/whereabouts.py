@@ -1,8 +1,11 @@
 """Where a run is: its directory, its fleet, where its agents listen, and whether it is over."""
 
 import tomllib
+from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 from agentd.rundir import default_endpoints, read_about
 from dcf_zenoh.agent_log import AgentLog
@@ -22,38 +25,53 @@ class Whereabouts:
     Attributes:
         folder: The run directory.
         fleet: The resolved fleet.
-        logs: Id -> what the agent has recorded so far, of those whose logs are here.
-        address: Where an operator reaches the agents.
-        over: Whether all agents have ended.
+        about: What the launcher has noted; nothing if there was none.
     """
 
     folder: Path
     fleet: LoadedFleet
-    logs: dict[int, AgentLog]
-    address: Address
-    over: bool
+    about: Mapping[str, Any]
 
     @classmethod
     def read(cls, folder: Path) -> "Whereabouts":
         """Read a run directory.
 
         Raises:
-            RecordingError: It is none, or a log in it cannot be read.
             ConfigurationError: Its fleet file cannot be read.
+            RecordingError: What the launcher has noted cannot be read.
         """
-        fleet = load(folder / "fleet.toml")
-        spec, about = fleet.spec, read_about(folder)
-        paths = {i: folder / log_name(i) for i in spec.ids}
-        logs = {
+        return cls(folder, load(folder / "fleet.toml"), read_about(folder))
+
+    @cached_property
+    def logs(self) -> dict[int, AgentLog]:
+        """Id -> what the agent has recorded so far, of those whose logs are here.
+
+        Raises:
+            RecordingError: One cannot be read.
+        """
+        paths = {i: self.folder / log_name(i) for i in self.fleet.spec.ids}
+        return {
             i: AgentLog.read(data, str(path))
             for i, path in paths.items()
             if path.is_file() and (data := path.read_bytes())
         }
-        run = about.get("run") or next((log.header["run"] for log in logs.values() if "run" in log.header), "manual")
-        endpoints = about.get("endpoints") or default_endpoints(spec)
-        address = Address(f"dcf/{spec.name}/{run}", "", tuple(map(str, endpoints.values())), spec.zenoh.settings)
-        ended = len(logs) == len(spec.ids) and all(log.end for log in logs.values())
-        return cls(folder, fleet, logs, address, over="ended" in about or ended)
+
+    @cached_property
+    def over(self) -> bool:
+        """Whether all agents have ended, as far as is known here."""
+        if self.about.get("endpoints"):
+            return "ended" in self.about
+        return len(self.logs) == len(self.fleet.spec.ids) and all(log.end for log in self.logs.values())
+
+    @property
+    def address(self) -> Address:
+        """Where an operator reaches the agents."""
+        spec = self.fleet.spec
+        run = self.about.get("run") or next(
+            (str(log.header["run"]) for log in self.logs.values() if "run" in log.header), "manual"
+        )
+        endpoints = self.about.get("endpoints") or default_endpoints(spec)
+        return Address(f"dcf/{spec.name}/{run}", "", tuple(map(str, endpoints.values())), spec.zenoh.settings)
 
 
 def find_run(name: str) -> Path:

@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Iterator, Sequence
 
 from dcf_zenoh.explanation import AgentStep, Alternative, Explanation, LinkStep, StepBefore
+from dcf_zenoh.link_health import NETWORK
 from dcf_zenoh.run import Run
 
 _ENDS = {
@@ -29,8 +30,8 @@ def why_lines(run: Run, found: Explanation) -> Iterator[str]:
         f" at step {found.step} ({found.step * sample_time:.1f} s)."
     )
     if found.quantity == "barrier":
-        what = "violated: each is in the other's safety region" if found.value < 0 else "kept"
-        yield f"The barrier was {what} (h < 0 would be a violation)." if found.value >= 0 else f"The barrier was {what}."
+        kept = "kept" if found.value >= 0 else "violated: each was in the other's safety region"
+        yield f"The barrier h >= 0 was {kept}."
     if not found.before:
         yield "The run begins there: no decision led to it."
         return
@@ -41,7 +42,7 @@ def why_lines(run: Run, found: Explanation) -> Iterator[str]:
         yield ""
         yield from _step(run, found, step)
     yield ""
-    yield "Without loss, latency and absence, and with as many rounds as it takes:"
+    yield "With a perfect network, all agents present, as many rounds as it takes, and setpoints that act as late:"
     for alternative in found.alternatives:
         yield f"  {_alternative(found, alternative)}"
     yield from _remarks(found.alternatives)
@@ -65,24 +66,31 @@ def _step(run: Run, found: Explanation, step: StepBefore) -> Iterator[str]:
 
 
 def _link(link: LinkStep) -> str:
-    parts = []
-    if link.lost_count:
-        causes = [
-            f"{len(rounds)} by {cause} (round{'s' * (len(rounds) > 1)} {_ranges(rounds)})"
-            for cause, rounds in link.lost.items()
-        ]
-        parts.append(f"{link.lost_count} of {link.sent} messages lost: {', '.join(causes)}")
-    else:
-        parts.append(f"none of {link.sent} messages lost")
-    parts.append(f"{link.late} late")
-    parts.append(f"{link.missing} rounds ended without one")
-    return "; ".join(parts)
+    text = f"{link.lost_count or 'none'} of {link.sent} messages lost"
+    causes = [
+        f"{len(rounds)} by {_cause(cause)} (round{'s' * (len(rounds) > 1)} {_ranges(rounds)})"
+        for cause, rounds in link.lost.items()
+    ]
+    return f"{text}{': ' * bool(causes)}{', '.join(causes)}{_also(link.late, link.missing)}{_latency(link)}"
+
+
+def _cause(name: str) -> str:
+    return name if name == NETWORK else repr(name)
+
+
+def _latency(link: LinkStep) -> str:
+    return f"; mean latency {link.latency * 1e3:.2f} ms" if link.latency else ""
+
+
+def _also(late: int, missing: int) -> str:
+    text = f"; {late} late" if late else ""
+    return text + (f"; {missing} round{'s' * (missing > 1)} ended without one" if missing else "")
 
 
 def _total(links: Sequence[LinkStep]) -> str:
     sent, lost = sum(link.sent for link in links), sum(link.lost_count for link in links)
     late, missing = sum(link.late for link in links), sum(link.missing for link in links)
-    return f"{lost} of {sent} messages lost; {late} late; {missing} rounds ended without one"
+    return f"{lost or 'none'} of {sent} messages lost{_also(late, missing)}"
 
 
 def _end(agent: AgentStep, threshold: float) -> str:
@@ -90,6 +98,7 @@ def _end(agent: AgentStep, threshold: float) -> str:
         return "took no part" + (f": {agent.remark}" if agent.remark else "")
     text = f"{_ENDS.get(agent.stopped_by, agent.stopped_by)} after {agent.rounds} rounds"
     text += f", residual {agent.residual:.2g} (threshold {threshold:g})"
+    text += f", and acted {agent.acted_after * 1e3:.3g} ms after measuring"
     if agent.overran:
         text += "; too late for its own setpoint"
     if agent.notes:
@@ -118,21 +127,26 @@ def _remarks(alternatives: Iterable[Alternative]) -> Iterator[str]:
 def _verdict(found: Explanation) -> str:
     gain = max(each.value for each in found.alternatives) - found.value
     if not found.disturbed:
-        text = "Nothing was lost, late or absent in these steps: the network is not the cause."
-        if gain > _ALIKE:
-            text += " What the replay gains, it gains by more rounds and by setpoints that act at once."
-        return text
+        return _undisturbed(found, gain)
     if gain <= _ALIKE:
         return (
-            "Something was lost, late or absent in these steps, but without it the two would have come as close: it is"
-            " not the cause."
+            "Something was lost, late or absent in these steps, but with a perfect network the two would have come as"
+            " close: it is not the cause."
         )
-    safe = next((each for each in found.alternatives if each.value >= 0), None)
-    if found.quantity == "barrier" and found.value < 0:
-        if safe is None:
-            return "Without it the two would have stayed further apart, but not out of each other's safety regions."
-        return f"Without it from step {safe.replay.first} on, the barrier would have been kept."
-    return f"Without it the two would have stayed further apart, by up to {gain:.3f}{_unit(found)}."
+    if found.quantity == "distance" or found.value >= 0:
+        return f"With a perfect network the two would have stayed further apart, by up to {gain:.3f}{_unit(found)}."
+    for each in found.alternatives:
+        if each.value >= 0:
+            return f"With a perfect network from step {each.replay.first} on, the barrier would have been kept."
+    return f"With a perfect network the barrier would have been violated all the same, by {gain:.3f} less."
+
+
+def _undisturbed(found: Explanation, gain: float) -> str:
+    text = "Nothing was lost, late or absent in these steps"
+    if gain > _ALIKE and found.took_time:
+        return f"{text}. What the replay gains, it gains by time: messages take none, so there are more rounds."
+    more = " What the replay gains, it gains by more rounds." if gain > _ALIKE else ""
+    return f"{text}: the network is not the cause.{more}"
 
 
 def _value(found: Explanation, value: float) -> str:

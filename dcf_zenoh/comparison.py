@@ -1,6 +1,7 @@
 """Where two runs part, and how far they part."""
 
 import math
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -13,15 +14,17 @@ from dcf_zenoh.run import Run
 from dcf_zenoh.talk import RoundRecord
 
 STEPS = "number of steps"
+MESSAGE = "message from"  # and whose it is
 
 
 class Deviation(NamedTuple):
     """How far one quantity of one agent differs at one place.
 
     Attributes:
-        quantity: 'number of steps', 'state', 'rounds', 'decision', 'setpoint', 'residual', or a name that a round's
-            log has.
-        size: Largest absolute difference of an entry; infinite where one run has a number and the other has none.
+        quantity: 'number of steps', 'state', 'rounds', 'decision', 'setpoint', 'residual', 'message from' whom, or a
+            name that a round's log has.
+        size: Largest absolute difference of an entry; infinite where one run has a number and the other has none. Of a
+            message: difference of the delays, in s; infinite where it was lost, or came again, in one run only.
         agent: Id.
         step: Control step k.
         round: Round p; None for what belongs to the step as a whole.
@@ -77,11 +80,12 @@ class Comparison:
 
 
 def compare(a: Run, b: Run, *, tolerance: float = 0.0) -> Comparison:
-    """Compare what the agents of two runs did; when they did it does not matter.
+    """Compare what the agents of two runs did; when they did it does not matter on the wall clock.
 
     Of each step are compared: the state; round by round what was sent, the residual and what was noted, if both runs
-    have logged it; the number of rounds, the last residual, the decision and the setpoint. Values that are not numbers
-    are equal to one another.
+    have logged it; the number of rounds, the last residual, the decision and the setpoint. Of two runs in virtual time
+    also what links did to the messages of the step: which were lost, and by how much others were delayed. Values that
+    are not numbers are equal to one another.
 
     Args:
         a: One run.
@@ -111,12 +115,15 @@ def compare(a: Run, b: Run, *, tolerance: float = 0.0) -> Comparison:
 def _deviations(a: Run, b: Run) -> Iterator[Deviation]:
     """All that differs at all, in order of time: whoever differs first is likelier the cause than the lowest id."""
     pairs = {agent: (a.agents[agent], b.agents[agent]) for agent in sorted(a.agents)}
+    modelled = a.fleet.time.clock == b.fleet.time.clock == "virtual"
+    fates = {agent: tuple(_fates(log) if modelled else {} for log in pair) for agent, pair in pairs.items()}
     for row in range(max(len(log.step) for pair in pairs.values() for log in pair)):
         found: list[Deviation] = []
         for agent, (one, other) in pairs.items():
             shorter, longer = sorted((len(one.step), len(other.step)))
             if row < shorter:
                 found += _step_deviations(agent, row, one, other)
+                found += _message_deviations(agent, int(one.step[row]), *fates[agent])
             elif row == shorter < longer:
                 step = int(max(one.step, other.step, key=len)[row])
                 found.append(Deviation(STEPS, float(longer - shorter), agent, step))
@@ -127,6 +134,8 @@ def _moment(deviation: Deviation) -> float:
     """When in its step something happens: the state first, then the rounds, then what came of them."""
     if deviation.quantity == "state":
         return -1.0
+    if deviation.round is not None and deviation.quantity.startswith(MESSAGE):
+        return deviation.round + 0.5  # after it was sent
     return math.inf if deviation.round is None else deviation.round
 
 
@@ -144,6 +153,43 @@ def _step_deviations(agent: int, row: int, one: AgentLog, other: AgentLog) -> It
         size = _difference(mine_value, yours_value)
         if size > 0:
             yield Deviation(name, size, agent, step, place)
+
+
+class _Fate(NamedTuple):
+    """What a link did to one message, or to a copy: how long it took, in ns, or that it is not there."""
+
+    delay: int
+    lost: bool
+
+
+_Fates = dict[int, dict[tuple[int, int, int, int], _Fate]]  # step -> round, sender, sequence, which copy -> fate
+
+
+def _fates(log: AgentLog) -> _Fates:
+    """The messages that were lost or delayed, or came again; all others came at once."""
+    found: _Fates = {}
+    copies: Counter[tuple[int, int, int]] = Counter()
+    for each in log.passed:
+        place = (each.sender, each.sequence, each.entered)
+        fate = _Fate(0 if each.lost_by else each.due - each.entered, bool(each.lost_by))
+        if fate != _AT_ONCE or copies[place]:
+            found.setdefault(each.step, {})[each.round, each.sender, each.sequence, copies[place]] = fate
+        copies[place] += 1
+    return found
+
+
+_AT_ONCE = _Fate(0, lost=False)
+
+
+def _message_deviations(agent: int, step: int, one: _Fates, other: _Fates) -> Iterator[Deviation]:
+    mine, yours = one.get(step, {}), other.get(step, {})
+    for key in sorted(mine.keys() | yours.keys()):
+        round, sender, _, copy = key
+        missing = _Fate(0, lost=True) if copy else _AT_ONCE
+        x, y = mine.get(key, missing), yours.get(key, missing)
+        if x != y:
+            size = abs(x.delay - y.delay) * 1e-9 if x.lost == y.lost else math.inf
+            yield Deviation(f"{MESSAGE} {sender}", size, agent, step, round)
 
 
 def _round_quantities(one: RoundRecord, other: RoundRecord) -> Iterator[tuple[str, tuple[Any, Any]]]:
@@ -192,6 +238,8 @@ def _numbers(value: Any) -> npt.NDArray[np.float64]:
 def _size(deviation: Deviation) -> str:
     if deviation.quantity == STEPS:
         return f"{deviation.size:.0f} more in one run"
+    if deviation.quantity.startswith(MESSAGE):
+        return "lost or doubled in one run only" if math.isinf(deviation.size) else f"{deviation.size:.2g} s"
     if math.isinf(deviation.size):
         return "a number in one run only"
     return f"{deviation.size:.0f}" if deviation.quantity == "rounds" else f"{deviation.size:.2g}"

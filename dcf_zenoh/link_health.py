@@ -63,7 +63,8 @@ class LinkHealth:
             (K, 3).
         missing: Rounds of the receiver that ended without the message of that round.
         latencies: Of the messages that came, ascending, s.
-        longest_gap: Longest time without a message, from the receiver's first step to its last, s.
+        longest_gap: Longest time without a message, from the receiver's first step to its last, s; None if not
+            `recorded`.
         clock_ahead: By how much the sender's clock was ahead of the receiver's when they met, s; None in virtual time
             and where it is not known. Latencies are corrected for it where it exceeds its error.
         clock_error: Largest error of `clock_ahead`, s.
@@ -76,7 +77,7 @@ class LinkHealth:
     per_step: Integers
     missing: int
     latencies: Array
-    longest_gap: float
+    longest_gap: float | None
     clock_ahead: float | None
     clock_error: float | None
 
@@ -153,9 +154,10 @@ def link_health(run: Run) -> tuple[LinkHealth, ...]:
 def _health(log: AgentLog, sender: int, sample_time: int, *, wall: bool) -> LinkHealth:
     crossings = tuple(_crossings(log, sender, wall=wall))
     received, missing, late, lost = log.links[sender].T
+    recorded = wall or bool(crossings)
     per_step = np.zeros((int(log.step[-1]) + 1, 3), dtype=np.int64)
     np.add.at(per_step[:, 2], log.step, late)
-    if not crossings:
+    if not recorded:
         np.add.at(per_step[:, 0], log.step, received + late + lost)
     for each in crossings:
         per_step[each.step, 0] += 1
@@ -169,12 +171,12 @@ def _health(log: AgentLog, sender: int, sample_time: int, *, wall: bool) -> Link
     return LinkHealth(
         sender=sender,
         receiver=log.agent,
-        recorded=bool(crossings),
+        recorded=recorded,
         crossings=crossings,
         per_step=per_step,
         missing=int(missing.sum()),
         latencies=read_only(np.sort(latencies)),
-        longest_gap=float(np.diff(instants).max()),
+        longest_gap=float(np.diff(instants).max()) if recorded else None,
         clock_ahead=ahead,
         clock_error=error,
     )

@@ -111,7 +111,7 @@ class Rounds(Table):
     )
     margin: Annotated[int, Field(ge=0)] | None = Field(
         default=None,
-        description="rounds between announcing the end and leaving; none: 3 if messages can be lost, else 0",
+        description="rounds between announcing the end and leaving; none: 3 if messages can be lost or late, else 0",
     )
     silent_after: Annotated[int, Field(ge=1)] = Field(
         default=20,

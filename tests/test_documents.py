@@ -6,9 +6,10 @@ import subprocess
 import sys
 import tomllib
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import pytest
+import tomli_w
 
 from dcf_zenoh import simulate
 from dcf_zenoh.config import load
@@ -20,6 +21,22 @@ DOCUMENTS = sorted([ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "CHANGE
 # refer to, or '<!-- run -->'.
 FENCE = re.compile(r"(?:<!-- (?P<mark>[^\n]*) -->\n)?^ *```(?P<language>\w*)\n(?P<text>.*?)^ *```$", re.M | re.S)
 LINK = re.compile(r"\]\((?!https?:)([^)#\s]*)(?:#([^)\s]*))?\)")
+
+# A fleet in which lossy networks are allowed, for snippets to be put into.
+WHOLE = """
+name = "whole"
+exchange = { max_rounds = 40, round_timeout = 0.003 }
+problem = { kind = "position_swap" }
+algorithm = { kind = "trades_robust" }
+controller = { kind = "receding_horizon", sharing = "ride" }
+plants = { point = { kind = "point_mass" } }
+
+[agents]
+1 = { start = [0.0, 1.0], target = [0.0, -1.0] }
+2 = { start = [0.0, -1.0], target = [0.0, 1.0] }
+3 = { start = [1.0, 0.0], target = [-1.0, 0.0] }
+4 = { start = [-1.0, 0.0], target = [1.0, 0.0] }
+"""
 
 
 class Example(NamedTuple):
@@ -83,8 +100,27 @@ def test_fleet_files_can_be_simulated(document: Path, folder: Path) -> None:
     fleets = sorted(folder.glob("*.toml"))
     assert fleets
     for path in fleets:
-        assert load(path).spec.name == path.stem
-        assert simulate(path, changes=["time.duration=1.0"]).complete
+        spec = load(path).spec
+        assert spec.name == path.stem
+        whole = bool(spec.faults.rule)  # faults act at their time
+        assert simulate(path, changes=[] if whole else ["time.duration=1.0"]).complete
+
+
+@pytest.mark.parametrize("document", [ROOT / "docs" / name for name in ("faults.md", "fleet-file.md")], ids=named)
+def test_every_snippet_fits_into_a_fleet(document: Path, folder: Path) -> None:
+    for number, example in enumerate(examples(document)):
+        if example.language == "toml" and not example.mark:
+            path = folder / f"snippet_{number}.toml"
+            path.write_text(tomli_w.dumps(merged(tomllib.loads(WHOLE), tomllib.loads(example.text))), encoding="utf-8")
+            load(path)
+
+
+def merged(whole: dict[str, Any], part: dict[str, Any]) -> dict[str, Any]:
+    """A table with those of another in it; lists are replaced."""
+    for key, value in part.items():
+        both = isinstance(value, dict) and isinstance(whole.get(key), dict)
+        whole[key] = merged(whole[key], value) if both else value
+    return whole
 
 
 @pytest.mark.parametrize(

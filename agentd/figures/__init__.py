@@ -6,6 +6,7 @@ from matplotlib.figure import Figure
 
 from agentd.figures.convergence import convergence
 from agentd.figures.decisions import decisions
+from agentd.figures.links import links
 from agentd.figures.separation import separation
 from agentd.figures.times import times
 from agentd.figures.trajectories import trajectories
@@ -17,4 +18,5 @@ FIGURES: Mapping[str, Callable[[Sequence[Run]], Figure | None]] = {
     "separation": separation,
     "convergence": convergence,
     "decisions": decisions,
+    "links": links,
 }  # name of the file -> how it is drawn; None where the runs have nothing to show

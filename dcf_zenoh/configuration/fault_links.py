@@ -89,12 +89,17 @@ def needs_positions(spec: FleetSpec, folder: Path) -> bool:
 def margin_of(spec: FleetSpec, folder: Path) -> int:
     """Rounds between announcing the end of a step and leaving it: what the file says, or what loss asks for.
 
+    On the wall clock a time-out of rounds loses what is late, and faults can be added while the fleet runs.
+
     Raises:
         PluginError: A fault cannot be loaded.
     """
     if spec.exchange.margin is not None:
         return spec.exchange.margin
-    return MARGIN_WITH_LOSS if spec.exchange.mode == "synchronous" and can_lose(spec, folder) else 0
+    if spec.exchange.mode == "asynchronous":
+        return 0
+    times_out = spec.time.clock == "wall" and spec.exchange.round_timeout is not None
+    return MARGIN_WITH_LOSS if times_out or can_lose(spec, folder) else 0
 
 
 def options_of(table: FaultTable, schema: Schema) -> dict[str, Any]:

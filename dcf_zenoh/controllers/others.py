@@ -10,6 +10,7 @@ from dcf_zenoh.algorithms.algorithm import Dialogue, Me
 from dcf_zenoh.controllers.riding import Carrier, Table
 from dcf_zenoh.plant import Array
 
+PATIENCE = 3  # rounds per hop, and one hop more, for the states of a step
 Signs = Mapping[tuple[int, int], Array]
 
 
@@ -45,9 +46,10 @@ class Sight:
 class Others:
     """Keeps track of the other agents, by tables that ride on every message of every round.
 
-    In each pair the lower id chooses the signs, a step ahead: those of step k + 1 in step k, from states predicted for
-    then, so that they have all the rounds of step k to get about. Those that it chose in the very step would often not
-    reach the other end before the solution starts, and then the pair's constraints mean nothing.
+    A step begins with rounds of nothing but tables, until all states of the step are there or `PATIENCE` is at its
+    end: states predicted at constant velocity choose signs at another moment than measured ones, and the motion is worse
+    for it. Both ends of a pair that know both states of this step choose alike. Where one was not heard, the lower id's
+    choice counts that it made a step ahead, from states predicted for now: it had all the rounds of a step to get about.
 
     Args:
         me: This agent.
@@ -71,7 +73,8 @@ class Others:
         return [i for i in self._me.agents if (i,) not in self._states.rows]
 
     def meet(self, own: Array, step: int) -> Dialogue[Sight | None]:
-        """Share states for as many rounds as the graph's diameter, and then until every agent is known.
+        """Share states: for as many rounds as the graph's diameter, then with `PATIENCE` until those of this step are
+        there, then until every agent is known at all.
 
         Args:
             own: The state of this agent, shape (2 d,).
@@ -81,8 +84,8 @@ class Others:
             What to go by; None if there is no time left for it.
         """
         self._states.put((self._me.id,), step, own)
-        rounds = 0
-        while rounds < self._me.neighbourhood.diameter or self.unknown:
+        rounds, diameter = 0, self._me.neighbourhood.diameter
+        while rounds < diameter or self.unknown or (rounds < PATIENCE * (diameter + 1) and self._outdated(step)):
             if not (yield from self.carrier.alone()):
                 return None
             rounds += 1
@@ -104,13 +107,20 @@ class Others:
         return count
 
     def _signs_in(self, step: int, lost: tuple[int, ...]) -> dict[tuple[int, int], Array]:
-        """What this agent's pairs go by in `step`: the newest choice known, or without one what the states ask for."""
+        """What this agent's pairs go by in `step`: what measured states ask for, or else the newest choice known, or else
+        what predicted states ask for.
+        """
         signs = self._chosen(step, lost)
         for pair in signs:
             known = self._signs.rows.get(pair)
-            if known is not None and step - known.step <= self._age_max:
+            heard = all(self._states.rows[(i,)].step == step for i in pair)
+            if not heard and known is not None and step - known.step <= self._age_max:
                 signs[pair] = known.value[0 if known.step == step else 1]
         return signs
+
+    def _outdated(self, step: int) -> bool:
+        """Whether the state of any agent that is not lost is of an earlier step than `step`."""
+        return any(0 < step - state.step <= self._age_max for state in self._states.rows.values())
 
     def _chosen(self, step: int, lost: tuple[int, ...]) -> dict[tuple[int, int], Array]:
         """What the states at `step` ask for."""

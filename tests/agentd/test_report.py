@@ -21,7 +21,9 @@ from agentd.report import write_report
 from agentd.summary import summary_table
 from dcf_zenoh import Run
 from dcf_zenoh.errors import RecordingError
+from dcf_zenoh.link_health import link_health
 from dcf_zenoh.recording import log_name, read_stream
+from tests.faulty_runs import named
 
 AVERAGE = """
 name = "average"
@@ -312,3 +314,64 @@ def test_the_summary_of_a_fleet_without_plants_says_nothing_of_flying(average: R
     assert "4 without plants" in text
     assert "arrived" not in text
     assert "closest" not in text
+
+
+@pytest.fixture(scope="module")
+def lossy_run(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    """Losses and latencies on all links, a partition from 0.4 to 0.8 s, and an agent that dies at 1.5 s."""
+    faults = """
+[faults]
+loss = 0.2
+latency = 0.0005
+[[faults.rule]]
+during = [0.4, 0.8]
+partition = [[1, 2], [3, 4]]
+[agents.2.faults]
+crash = { at = 1.5 }
+"""
+    return named(tmp_path_factory.mktemp("lossy"), faults, "safety.neighbour_silent.then=continue")
+
+
+def test_links_are_drawn_only_where_something_was_recorded(swap: Run, average: Run, lossy_run: Run) -> None:
+    assert FIGURES["links"]([swap, average]) is None
+    assert len(draw("links", swap, lossy_run).axes) == 4
+
+
+def test_cells_of_the_matrices_have_the_numbers_of_their_links(lossy_run: Run) -> None:
+    loss, latency, *_ = draw("links", lossy_run).axes
+    assert (loss.get_title(), latency.get_title()) == ("messages lost, %", "latency in ms: median, 95 % (colour)")
+    assert (loss.get_xlabel(), loss.get_ylabel()) == ("receiver", "sender")
+    health = link_health(lossy_run)
+    cells = {tuple(map(int, text.get_position())): text.get_text() for text in loss.texts}
+    assert cells == {(each.receiver - 1, each.sender - 1): f"{100 * each.loss:.1f}" for each in health}
+    assert {text.get_text() for text in latency.texts} == {"0.50\n0.50"}
+
+
+def test_losses_over_time_stand_above_the_least_barrier_with_what_was_wrong_shaded(lossy_run: Run) -> None:
+    *_, share, least = draw("links", lossy_run).axes
+    assert share.get_ylabel() == "messages per step, %"
+    assert least.get_xlabel() == "time in s"
+    assert legend(share)[:2] == ["worst link", "lost, all links"]
+    assert {text.get_text() for text in share.texts} >= {"partition", "agent 2 absent"}
+    assert f"{lossy_run.barriers.min():.3f} at" in texts(least)
+    (worst,) = (line for line in share.lines if line.get_label() == "worst link")
+    heights = np.asarray(worst.get_ydata())
+    assert heights[2] == heights[3] == 100.0
+    assert share.get_shared_x_axes().joined(share, least)
+
+
+def test_the_summary_tells_losses_by_cause_and_what_controllers_noted(lossy_run: Run) -> None:
+    summary = lossy_run.summary()
+    assert set(summary["lost_by"]["faults"]) == {"loss", "partition"}
+    assert sum(summary["lost_by"]["faults"].values()) == pytest.approx(summary["messages"]["lost"], abs=100)
+    text = show(lossy_run)
+    assert f"{summary['lost_by']['faults']['partition']} by 'partition'" in text
+    noted = changed(lossy_run, 1, notes=({"sign_disagreements": 2, "lost_agents": 0},))
+    assert noted.summary()["notes"]["sign_disagreements"] == 2
+    assert "2 sign_disagreements" in show(noted)
+
+
+def test_the_summary_of_a_run_without_losses_says_nothing_of_their_causes(swap: Run) -> None:
+    assert swap.summary()["lost_by"] == {"faults": {}, "network": 0}
+    assert "messages lost" not in show(swap)
+    assert "controllers noted" not in show(swap)

@@ -10,6 +10,7 @@ import pytest
 import dcf_zenoh
 from dcf_zenoh import Run
 from dcf_zenoh.comparison import compare
+from tests.faulty_runs import named
 
 
 def fly() -> Run:
@@ -180,3 +181,55 @@ def test_runs_of_different_agents_are_not_comparable(run: Run) -> None:
 def test_different_fleets_with_the_same_agents_are_compared_all_the_same(run: Run) -> None:
     renamed = replace(run, fleet=run.fleet.model_copy(update={"name": "other"}))
     assert str(compare(run, renamed)) == "different fleets: position_swap and other; identical"
+
+
+@pytest.fixture(scope="module")
+def faulty(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Run]:
+    """Ten steps in which the link from 1 to 2 does what is named."""
+    folder = tmp_path_factory.mktemp("faulty")
+
+    def fly_with(keys: str) -> Run:
+        rule = f'[[faults.rule]]\nfrom = 1\nto = 2\nodd = {{ kind = "./named.py:Named", {keys} }}\n'
+        return named(folder, rule)
+
+    return fly_with
+
+
+def test_a_message_lost_in_one_run_only_is_where_they_first_differ(faulty: Callable[[str], Run]) -> None:
+    one, other = faulty("lost = [[2, 4], [3, 7]]"), faulty("lost = [[2, 4], [3, 9]]")
+    assert str(compare(one, other)).startswith(
+        "agent 2 differs first: step 3 (0.6 s), round 7, message from 1: lost or doubled in one run only;"
+    )
+    assert compare(one, faulty("lost = [[2, 4], [3, 7]]")).identical
+
+
+def test_a_message_that_was_delayed_by_another_time_differs_by_it(faulty: Callable[[str], Run]) -> None:
+    one, other = (faulty(f"delayed = [[3, 5]], by = {by}") for by in (0.0005, 0.0007))
+    first = compare(one, other).first
+    assert first is not None
+    assert (first.quantity, first.agent, first.step, first.round) == ("message from 1", 2, 3, 5)
+    assert first.size == pytest.approx(0.0002)
+    assert "message from 1: 0.0002 s" in str(compare(one, other))
+
+
+def test_a_copy_is_a_difference_although_nobody_notices_it(faulty: Callable[[str], Run]) -> None:
+    one, other = faulty("doubled = [[4, 1]]"), faulty("doubled = []")
+    assert one.digest == other.digest
+    first = compare(one, other).first
+    assert first is not None
+    assert (first.quantity, first.step, first.round) == ("message from 1", 4, 1)
+
+
+def test_a_loss_differs_from_a_run_without_faults(faulty: Callable[[str], Run]) -> None:
+    one = faulty("lost = [[3, 7]]")
+    bare = replace(one, agents={i: replace(log, passed=()) for i, log in one.agents.items()})
+    first = compare(bare, one).first
+    assert first is not None
+    assert (first.quantity, first.step, first.round) == ("message from 1", 3, 7)
+
+
+def test_on_the_wall_clock_messages_are_not_compared(faulty: Callable[[str], Run]) -> None:
+    one = faulty("lost = [[3, 7]]")
+    bare = replace(one, agents={i: replace(log, passed=()) for i, log in one.agents.items()})
+    wall = one.fleet.model_copy(update={"time": one.fleet.time.model_copy(update={"clock": "wall"})})
+    assert compare(replace(bare, fleet=wall), replace(one, fleet=wall)).identical

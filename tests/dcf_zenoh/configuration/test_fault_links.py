@@ -133,6 +133,7 @@ def test_fault_that_cannot_be_made_says_why(tmp_path: Path, fault: FaultTable, t
     ],
 )
 def test_margin_follows_from_loss(tmp_path: Path, changes: list[str], loses: bool) -> None:
+    changes = ["time.clock=virtual", *changes]
     fleet = load(lossy(tmp_path, ""), changes=changes)
     assert can_lose(fleet.spec, tmp_path) is loses
     assert margin_of(fleet.spec, tmp_path) == (3 if loses else 0)
@@ -142,6 +143,13 @@ def test_margin_follows_from_loss(tmp_path: Path, changes: list[str], loses: boo
         )
     asynchronous = load(lossy(tmp_path, ""), changes=[*changes, "exchange.mode=asynchronous"])
     assert margin_of(asynchronous.spec, tmp_path) == 0
+
+
+def test_margin_is_there_where_rounds_time_out_on_the_wall_clock(tmp_path: Path) -> None:
+    spec = load(lossy(tmp_path, ""), clock="wall").spec  # what is late is lost, and operators can add faults
+    assert margin_of(spec, tmp_path) == 3
+    patient = spec.model_copy(update={"exchange": spec.exchange.model_copy(update={"round_timeout": None})})
+    assert margin_of(patient, tmp_path) == 0
 
 
 def test_positions_are_needed_by_range_alone(tmp_path: Path) -> None:

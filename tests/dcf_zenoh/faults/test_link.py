@@ -1,6 +1,7 @@
 import zlib
 from collections.abc import Sequence
 from itertools import permutations
+from math import inf
 from typing import Any
 
 import numpy as np
@@ -183,3 +184,17 @@ def test_nothing_is_due_before_it_entered(gaps: list[int], seed: int, p: float, 
         for each in passage.deliveries:
             assert type(each.due) is int
             assert each.due >= each.entered == at
+
+
+def test_clear_ends_what_was_added_and_leaves_what_was_given() -> None:
+    chain = link(latency=Latency(1, 2, HERE, mean=0.01))
+    chain.add("latency", (10 * MS, inf), Latency(1, 2, HERE, mean=0.05))
+    chain.add("loss", (10 * MS, 12 * MS), Loss(probability=1.0))
+    chain.add("bursts", (10 * MS, inf), None)
+    chain.clear(20 * MS)
+    chain.add("loss", (25 * MS, inf), Loss(probability=1.0))
+    chain.clear(26 * MS)
+    chain.clear(30 * MS)  # what has ended does not go on
+    passages = convey(chain, 40)
+    assert [number for number, gone in enumerate(lost(passages)) if gone] == [10, 11, 25]
+    assert [round(s * 1000) for s in latencies(passages)] == [*[10] * 10, *[50] * 8, *[10] * 19]
