@@ -14,6 +14,7 @@ from dcf_zenoh.configuration.wording import listed, nearest
 from dcf_zenoh.errors import ConfigurationError, RecordingError
 from dcf_zenoh.run import Run
 
+_MESSAGES = ("messages_received", "messages_missing", "messages_late", "messages_lost")
 _AXES = "xyz"
 
 
@@ -72,7 +73,7 @@ def _steps(log: AgentLog) -> Iterator[dict[str, object]]:
     state = _names(("p", "v"), d, log.state.shape[1], "state")
     setpoint = _names(("p_set_", "v_set_", "a"), d, log.setpoint.shape[1], "setpoint")
     decision = [f"decision_{n}" for n in range(log.decision.shape[1])]
-    links = sum(log.links.values(), np.zeros((len(log.step), 3), dtype=np.int64))
+    links = sum(log.links.values(), np.zeros((len(log.step), 4), dtype=np.int64))
     for k, step in enumerate(log.step.tolist()):
         yield {
             "agent": log.agent,
@@ -88,7 +89,7 @@ def _steps(log: AgentLog) -> Iterator[dict[str, object]]:
             "late": int(log.late[k]),
             "compute_s": log.compute[k].item(),
             "negotiation_s": log.negotiation[k].item(),
-            **dict(zip(("messages_received", "messages_missing", "messages_late"), links[k].tolist(), strict=True)),
+            **dict(zip(_MESSAGES, links[k].tolist(), strict=True)),
             "remark": log.remarks[k],
         }
 

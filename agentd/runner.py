@@ -176,6 +176,7 @@ def run_wall(
             pass
         for j in mailbox.senders:  # whoever sleeps long must not hold the others up
             feed.drain(j)
+        mailbox.skip_gaps()  # no time-out does that in asynchronous mode
 
     if network.start:  # the fleet is under way
         clock.start(network.start)
@@ -261,6 +262,7 @@ def await_goodbyes(parts: AgentParts, network: Network, senders: Sequence[int], 
     for j in senders:
         while not parts.mailbox.departed(j) and j not in parts.mailbox.lost and time.monotonic() < deadline:
             feed.wait(j, deadline)
+            parts.mailbox.skip_gaps()
 
 
 def _as_sent(message: Message) -> tuple[int, int]:

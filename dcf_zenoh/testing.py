@@ -14,6 +14,10 @@ from dcf_zenoh.messaging.message import Last, Message, Payload, canonical
 from dcf_zenoh.plant import Plant, Setpoint
 
 
+T = TypeVar("T")
+Delay: TypeAlias = Callable[[int, int, int], int | None]  # sender, receiver, round -> rounds on the way; None: lost
+
+
 def fleet_of(graph: Graph, *, seed: int = 0, weights: str = "metropolis") -> dict[int, Me]:
     """Fresh `Me` objects of every agent of `graph`."""
     matrix = WEIGHTS[weights](graph)
@@ -21,10 +25,6 @@ def fleet_of(graph: Graph, *, seed: int = 0, weights: str = "metropolis") -> dic
         i: Me(i, graph.agents, Neighbourhood.of(graph, i, matrix), np.random.Generator(np.random.Philox([seed, i])))
         for i in graph.agents
     }
-
-
-T = TypeVar("T")
-Delay: TypeAlias = Callable[[int, int, int], int | None]
 
 
 def in_time(_sender: int, _receiver: int, _round: int) -> int | None:

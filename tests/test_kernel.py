@@ -90,12 +90,7 @@ def message_size() -> int:
 
 @pytest.mark.parametrize(
     "mode",
-    [
-        "synchronous",
-        pytest.param(
-            "asynchronous", marks=pytest.mark.xfail(reason="run_wall: who sleeps does not give up gaps", strict=True)
-        ),
-    ],
+    ["synchronous", "asynchronous"],
 )
 def test_injected_loss_is_that_of_random_drops_in_the_kernel(cable: Cable, tmp_path: Path, mode: str) -> None:
     rule = f"add rule inet kernel in udp length > {LARGE} counter numgen random mod 100 < 20 counter drop"

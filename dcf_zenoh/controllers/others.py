@@ -47,9 +47,11 @@ class Others:
     """Keeps track of the other agents, by tables that ride on every message of every round.
 
     A step begins with rounds of nothing but tables, until all states of the step are there or `PATIENCE` is at its
-    end: states predicted at constant velocity choose signs at another moment than measured ones, and the motion is worse
-    for it. Both ends of a pair that know both states of this step choose alike. Where one was not heard, the lower id's
-    choice counts that it made a step ahead, from states predicted for now: it had all the rounds of a step to get about.
+    end: states predicted at constant velocity choose signs at another moment than measured ones do, and the motion is
+    worse for it. Both ends of a pair that know both states of this step choose alike. Where one was not heard, the
+    choice counts that the lower id made for this step in the step before, which had all the rounds of a step to get
+    about. It was made from states as they were then, not as they were predicted for now: signs that change after the
+    coordinate has are safe, signs that change before it give up the barrier that was kept.
 
     Args:
         me: This agent.
@@ -107,8 +109,9 @@ class Others:
         return count
 
     def _signs_in(self, step: int, lost: tuple[int, ...]) -> dict[tuple[int, int], Array]:
-        """What this agent's pairs go by in `step`: what measured states ask for, or else the newest choice known, or else
-        what predicted states ask for.
+        """What this agent's pairs go by in `step`.
+
+        That is what measured states ask for, or else the newest choice known, or else what predicted states ask for.
         """
         signs = self._chosen(step, lost)
         for pair in signs:

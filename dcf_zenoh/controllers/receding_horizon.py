@@ -140,7 +140,9 @@ class RecedingHorizon(Controller):
             return state.vector
         flown = None if self._flown is None else self._flown.acceleration
         acceleration = np.zeros_like(state.velocity) if flown is None else np.resize(flown, state.velocity.shape)
-        return np.concatenate((
-            state.position + state.velocity * delay + acceleration * (delay**2 / 2),
-            state.velocity + acceleration * delay,
-        ))
+        return np.concatenate(
+            (
+                state.position + state.velocity * delay + acceleration * (delay**2 / 2),
+                state.velocity + acceleration * delay,
+            )
+        )

@@ -87,7 +87,7 @@ BAD_FLEETS = {
     "unknown algorithm": (
         ["--algorithm", "tradse"],
         "algorithm: there is no [algorithms.tradse] and no kind 'tradse'; did you mean 'trades'? tables: none;"
-        " known algorithms: average_consensus, trades",
+        " known algorithms: average_consensus, trades, trades_robust",
     ),
     "unknown plug-in": (
         ["--set", "plants.point.kind=point_mas"],
@@ -129,7 +129,7 @@ def test_all_problems_of_a_fleet_are_told_at_once(trio: Path, agentd: Callable[.
         f"agentd: {trio}: agents.2.start: expected a list of numbers (position before the first step, m),"
         " not [1.0, 'far']",
         f"agentd: {trio}: sed: a fleet file has no key 'sed'; did you mean 'seed'? accepted: name, seed, plant, time,"
-        " exchange, topology, problem, algorithm, algorithms, controller, plants, agents, safety, log, zenoh",
+        " exchange, topology, problem, algorithm, algorithms, controller, plants, agents, faults, safety, log, zenoh",
     ]
 
 

@@ -43,7 +43,7 @@ def test_csv_holds_the_same_numbers_as_the_run(run: Run, tmp_path: Path) -> None
             ("residual",): log.residual[:, None],
             ("step",): log.step[:, None],
             ("rounds",): log.rounds[:, None],
-            ("messages_received",): sum(log.links.values(), np.zeros((5, 3)))[:, :1],
+            ("messages_received",): sum(log.links.values(), np.zeros((5, 4)))[:, :1],
         }
         for names, table in tables.items():
             np.testing.assert_array_equal(np.transpose([column(own, name) for name in names]), table)

@@ -6,18 +6,12 @@ import pytest
 
 import dcf_zenoh
 from dcf_zenoh.agent import Arrival
-from dcf_zenoh.algorithms.algorithm import Dialogue, Inbox, Me
 from dcf_zenoh.assembly import Blueprint
 from dcf_zenoh.config import load
-from dcf_zenoh.controllers.controller import Decision
-from dcf_zenoh.controllers.receding_horizon import RecedingHorizon
 from dcf_zenoh.errors import DcfError
 from dcf_zenoh.graph import Graph
-from dcf_zenoh.plant import State
-from dcf_zenoh.problems.position_swap import PositionSwap
 from dcf_zenoh.simulation import run_agents
 from dcf_zenoh.spec import Arrived
-from dcf_zenoh.testing import fleet_of
 
 S = 1_000_000_000  # ns
 
@@ -61,31 +55,6 @@ def test_steps_that_overrun_are_never_skipped_and_start_at_once() -> None:
     log = run.agents[1]
     np.testing.assert_array_equal(log.step, np.arange(10))
     np.testing.assert_allclose(log.sensed[1:], log.acted[:-1])
-
-
-def test_what_flies_after_an_overrun_is_the_next_stage_of_the_previous_plan() -> None:
-    graph = Graph.of((1, 2), [(1, 2), (2, 1)])
-    me = fleet_of(graph)[1]
-    plan = np.arange(6.0) / 10
-
-    def planned(_problem: object, me: Me) -> Dialogue[object]:
-        yield {}, 0.0
-        return me.result(plan)
-
-    problem = PositionSwap(1, (1, 2), 0.2, target=(1.0, 0.0))
-    controller = RecedingHorizon(problem, planned, me)  # type: ignore[arg-type]
-    dialogue = controller.control(State(np.zeros(2), np.zeros(2)))
-    (table, _), decision = next(dialogue), None
-    other = {"ids": np.array([2]), "states": np.array([[0.0, 1.0, 0.0, 0.0]])}
-    dialogue.send(Inbox(table, {2: other}, stop=False))  # type: ignore[arg-type]
-    try:
-        dialogue.send(Inbox({}, {2: {}}, stop=True))
-    except StopIteration as finished:
-        decision = finished.value
-    assert isinstance(decision, Decision)
-    flown = [decision.setpoint, controller.next_of_plan(), controller.next_of_plan()]
-    np.testing.assert_array_equal([each.acceleration for each in flown if each], plan.reshape(3, 2))
-    assert controller.next_of_plan() is None  # the plan is used up
 
 
 def test_nobody_waits_for_an_agent_that_has_stopped(tmp_path: Path) -> None:

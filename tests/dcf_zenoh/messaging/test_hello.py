@@ -64,8 +64,8 @@ def test_another_fleet_is_refused() -> None:
         (b"\xc1", "not a hello"),
         (b"", "not a hello"),
         (msgpack.packb([2, "f"]), "not a hello: "),
-        (msgpack.packb([2, "f", 1.5, 0, 0]), "not a hello: "),
-        (msgpack.packb([3, "f", 1, 0, 0]), "it claims to come from agent 3"),
+        (msgpack.packb([2, "f", 1.5, 0, 0, 0, 0]), "not a hello: "),
+        (msgpack.packb([3, "f", 1, 0, 0, 0, 0]), "it claims to come from agent 3"),
     ],
 )
 def test_what_is_no_hello_is_refused(data: bytes, text: str) -> None:
