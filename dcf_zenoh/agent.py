@@ -117,7 +117,10 @@ class Agent:
             state = _finite(self._plant.sense(now), place)  # 3 sense
         if self._holding:
             yield self._exchange.abstain(step, now, due + self._sample_time)
-            self._hold(step, now, state, self._holding)
+            setpoint = Setpoint.hold(state)
+            with blaming(PlantError, f"{place}: act"):
+                self._plant.act(setpoint, now)
+            self._recorder.step(StepRecord.abstained(step, now, state, setpoint, self._holding))
             return None
         sensed = now
         with blaming(AlgorithmError, place):
@@ -176,7 +179,11 @@ class Agent:
         self._recorder.event("crashed", crash.at, step=step)
         with blaming(PlantError, f"agent {self._me.id}: step {step}: sense"):
             state = self._plant.sense(crash.at)
-        self._hold(step, crash.at, state, str(crash))
+        setpoint = Setpoint.hold(state)
+        with blaming(PlantError, f"agent {self._me.id}: step {step}: act"):
+            self._plant.act(setpoint, crash.at)
+        heard = self._exchange.cut_short(step)
+        self._recorder.step(StepRecord.abstained(step, crash.at, state, setpoint, str(crash), *heard))
         for missed in range(step + 1, again):
             now = yield Wait(missed * self._sample_time)
             with blaming(PlantError, f"agent {self._me.id}: step {missed}: sense"):
@@ -187,13 +194,6 @@ class Agent:
             self._arrival = Arrival(self._fleet.time.arrived)
             self._recorder.event("restarted", again * self._sample_time, step=again)
         return again
-
-    def _hold(self, step: int, now: int, state: State, why: str) -> None:
-        """Let the body come to rest, in a step without a decision."""
-        setpoint = Setpoint.hold(state)
-        with blaming(PlantError, f"agent {self._me.id}: step {step}: act"):
-            self._plant.act(setpoint, now)
-        self._recorder.step(StepRecord.abstained(step, now, state, setpoint, why))
 
 
 class Arrival:

@@ -234,6 +234,10 @@ class Exchange:
             now = yield Wait(now + round(duration))
         return now
 
+    def cut_short(self, step: int) -> tuple[dict[int, LinkCount], list[Passed]]:
+        """What had come in `step` when it broke off."""
+        return self._reception.cut_short(step)
+
     def abstain(self, step: int, now: int, next_step: int) -> Publish:
         """Tell the neighbours that this agent takes no part in `step`."""
         return Publish(self._transmission.message(now, step, last=Last.OF_STEP, promise=next_step))

@@ -137,6 +137,10 @@ class Reception:
             self._take(j, self._mailbox.take_before(j, now))
             link.received += self._hear(j, round, now - 1)
 
+    def cut_short(self, step: int) -> tuple[dict[int, LinkCount], list[Passed]]:
+        """What had come in `step` when it broke off; nothing if it had not begun to listen."""
+        return (self.links, self.passed) if step == self._step else ({}, [])
+
     def silent(self, neighbour: int) -> bool:
         """Whether nothing has been heard of `neighbour` for so many rounds that nobody waits for it."""
         return self._silence[neighbour] >= self._silent_after

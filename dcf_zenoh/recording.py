@@ -8,10 +8,11 @@ files.
 """
 
 import platform
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, BinaryIO, NamedTuple
 
 import msgpack
@@ -21,9 +22,10 @@ from dcf_zenoh.controllers.controller import Decision
 from dcf_zenoh.errors import RecordingError
 from dcf_zenoh.exchange import Outcome
 from dcf_zenoh.plant import Setpoint, State
-from dcf_zenoh.reception import Passed
+from dcf_zenoh.reception import LinkCount, Passed
 
 SCHEMA = 2
+_NONE: Mapping[int, LinkCount] = MappingProxyType({})
 
 
 def log_name(agent: int) -> str:
@@ -96,7 +98,7 @@ class StepRecord(NamedTuple):
             stopped_by=outcome.stopped_by,
             late=late,
             compute=outcome.compute,
-            links=[(j, link.received, link.missing, link.late, link.lost) for j, link in outcome.links.items()],
+            links=_counts(outcome.links),
             passed=outcome.passed,
             notes=outcome.result.notes,
             log=list(outcome.log),
@@ -104,12 +106,25 @@ class StepRecord(NamedTuple):
         )
 
     @classmethod
-    def abstained(cls, step: int, sensed: int, state: State, setpoint: Setpoint, remark: str) -> "StepRecord":
-        """The record of a step in which the agent took no part."""
+    def abstained(
+        cls,
+        step: int,
+        sensed: int,
+        state: State,
+        setpoint: Setpoint,
+        remark: str,
+        links: Mapping[int, LinkCount] = _NONE,
+        passed: Sequence[Passed] = (),
+    ) -> "StepRecord":
+        """The record of a step in which the agent took no part, or not to its end; what had come until then."""
         return cls(
             step, sensed, state.vector.tolist(), sensed, setpoint.vector.tolist(), [], 0, float("inf"), "abstained",
-            False, 0, [], [], {}, [], remark,
+            False, 0, _counts(links), list(passed), {}, [], remark,
         )  # fmt: skip
+
+
+def _counts(links: Mapping[int, LinkCount]) -> list[tuple[int, int, int, int, int]]:
+    return [(j, link.received, link.missing, link.late, link.lost) for j, link in links.items()]
 
 
 def _plain(value: object) -> object:

@@ -114,7 +114,7 @@ class Carrier:
 
     def _loaded(self, payload: Payload) -> Payload:
         loaded = dict(payload)
-        if any(name.startswith(PREFIX) and name != ALONE for name in loaded):
+        if any(str(name).startswith(PREFIX) and name != ALONE for name in loaded):
             raise AlgorithmError(f"payload names that begin with {PREFIX!r} are taken: {sorted(loaded)}")
         for table in self._tables:
             loaded.update(table.payload)

@@ -1,47 +1,12 @@
-"""What a fleet is: one frozen, validated object in the shape of the fleet file.
-
-`dcf_zenoh.config` reads fleet files into these; everything else only reads them. Durations are in s here and
-integer ns (`nanoseconds`) wherever time is computed with.
-"""
+"""A fleet with all its tables."""
 
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
-PositiveFloat = Annotated[float, Field(gt=0)]
-NonNegativeFloat = Annotated[float, Field(ge=0)]
-Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.-]*$", max_length=64)]
-AgentId = Annotated[int, Field(ge=0)]
-Vector = tuple[float, ...]
-
-
-def nanoseconds(seconds: float) -> int:
-    """The nearest whole number of ns."""
-    return round(seconds * 1e9)
-
-
-class Table(BaseModel):
-    """One table of a fleet file: known keys only, never changed."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, populate_by_name=True)
-
-
-class Kind(Table):
-    """A table that chooses a plug-in: `kind`, and the keyword-only arguments of its constructor."""
-
-    model_config = ConfigDict(frozen=True, extra="allow")
-
-    kind: str = Field(description="name of a built-in or installed kind, 'package.module:Name', or './file.py:Name'")
-
-    @property
-    def options(self) -> dict[str, Any]:
-        """All keys but those of the framework."""
-        return dict(self.model_extra or {})
-
-    def with_options(self, changes: dict[str, Any]) -> "Kind":
-        """The same table with some options replaced."""
-        return self.model_copy(update=changes)
+from dcf_zenoh.spec.faults import AgentFaults, Faults
+from dcf_zenoh.spec.table import AgentId, Kind, Name, NonNegativeFloat, PositiveFloat, Table, Vector
 
 
 class Topology(Kind):
@@ -162,88 +127,6 @@ class Network(Table):
         default_factory=dict,
         description="Zenoh configuration keys as paths ('transport/link/tx/lease') with their values",
     )
-
-
-class FaultTable(Kind):
-    """One fault: `kind` and its keys. In a fleet file a bare `value` stands for the kind's first key."""
-
-    value: Any = Field(default=None, description="short for the first key of the kind, where that cannot be told yet")
-
-
-Switch = FaultTable | Literal[False]
-Ids = AgentId | tuple[AgentId, ...]
-
-
-class FaultRule(Table):
-    """Faults of some links, or at some time; all other keys are faults by name, `false` for none."""
-
-    model_config = ConfigDict(frozen=True, extra="allow", allow_inf_nan=False, populate_by_name=True)
-    __pydantic_extra__: dict[str, Switch] = Field(init=False)
-
-    from_: Ids | None = Field(default=None, alias="from", description="sending agents; none: all")
-    to: Ids | None = Field(default=None, description="receiving agents; none: all")
-    during: tuple[NonNegativeFloat, NonNegativeFloat] | None = Field(
-        default=None, description="begin and end of the instants at which messages enter the link, s; none: always"
-    )
-
-    @property
-    def faults(self) -> dict[str, Switch]:
-        """Name -> fault."""
-        return dict(self.model_extra or {})
-
-    def covers(self, sender: int, receiver: int) -> bool:
-        """Whether this is a rule for the link ``sender -> receiver``."""
-        return _among(sender, self.from_) and _among(receiver, self.to)
-
-
-def _among(agent: int, ids: Ids | None) -> bool:
-    return ids is None or agent == ids or (isinstance(ids, tuple) and agent in ids)
-
-
-class Faults(Table):
-    """Faults of all links, by name, then rules; later rules win, name by name."""
-
-    model_config = ConfigDict(frozen=True, extra="allow", allow_inf_nan=False, populate_by_name=True)
-    __pydantic_extra__: dict[str, Switch] = Field(init=False)
-
-    rule: tuple[FaultRule, ...] = Field(default=(), description="[[faults.rule]], faults of some links or at some time")
-
-    @property
-    def everywhere(self) -> dict[str, Switch]:
-        """Name -> fault of all links."""
-        return dict(self.model_extra or {})
-
-    @property
-    def rules(self) -> tuple[FaultRule, ...]:
-        """All rules, beginning with the one for all links and times."""
-        return (FaultRule.model_validate(self.everywhere), *self.rule)
-
-
-class Crash(Table):
-    """An agent dies, and may come back."""
-
-    at: NonNegativeFloat = Field(description="s")
-    restart_after: PositiveFloat | None = Field(default=None, description="s; none: it stays dead")
-
-
-class Slow(Table):
-    """An agent computes slowly."""
-
-    factor: Annotated[float, Field(ge=1)] = Field(description="by which its computation takes longer")
-    during: tuple[NonNegativeFloat, NonNegativeFloat] | None = Field(default=None, description="s; none: always")
-
-
-class AgentFaults(Table):
-    """What goes wrong with one agent."""
-
-    crash: Crash | None = None
-    pause: tuple[NonNegativeFloat, NonNegativeFloat] | None = Field(
-        default=None, description="begin and end of a time in which the agent does nothing, s"
-    )
-    slow: Slow | None = None
-
-    def __bool__(self) -> bool:
-        return any(each is not None for each in (self.crash, self.pause, self.slow))
 
 
 class Activation(Table):

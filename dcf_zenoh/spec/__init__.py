@@ -1,0 +1,52 @@
+"""What a fleet is: one frozen, validated object in the shape of the fleet file.
+
+`dcf_zenoh.config` reads fleet files into these; everything else only reads them. Durations are in s here and
+integer ns (`nanoseconds`) wherever time is computed with.
+"""
+
+from dcf_zenoh.spec.faults import AgentFaults, Crash, FaultRule, Faults, FaultTable, Slow, Switch
+from dcf_zenoh.spec.fleet import (
+    Activation,
+    Agent,
+    AgentSpec,
+    Arrived,
+    FleetSpec,
+    Log,
+    Network,
+    Rounds,
+    Safety,
+    Silence,
+    Time,
+    Topology,
+)
+from dcf_zenoh.spec.table import AgentId, Kind, Name, NonNegativeFloat, PositiveFloat, Table, Vector, nanoseconds
+
+__all__ = [
+    "Activation",
+    "Agent",
+    "AgentFaults",
+    "AgentId",
+    "AgentSpec",
+    "Arrived",
+    "Crash",
+    "FaultRule",
+    "FaultTable",
+    "Faults",
+    "FleetSpec",
+    "Kind",
+    "Log",
+    "Name",
+    "Network",
+    "NonNegativeFloat",
+    "PositiveFloat",
+    "Rounds",
+    "Safety",
+    "Silence",
+    "Slow",
+    "Switch",
+    "Table",
+    "Time",
+    "Topology",
+    "Vector",
+    "nanoseconds",
+]

@@ -1,0 +1,39 @@
+"""What the tables of a fleet file have in common."""
+
+from typing import Annotated, Any
+
+from pydantic import BaseModel, ConfigDict, Field
+
+PositiveFloat = Annotated[float, Field(gt=0)]
+NonNegativeFloat = Annotated[float, Field(ge=0)]
+Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.-]*$", max_length=64)]
+AgentId = Annotated[int, Field(ge=0)]
+Vector = tuple[float, ...]
+
+
+def nanoseconds(seconds: float) -> int:
+    """The nearest whole number of ns."""
+    return round(seconds * 1e9)
+
+
+class Table(BaseModel):
+    """One table of a fleet file: known keys only, never changed."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, populate_by_name=True)
+
+
+class Kind(Table):
+    """A table that chooses a plug-in: `kind`, and the keyword-only arguments of its constructor."""
+
+    model_config = ConfigDict(frozen=True, extra="allow")
+
+    kind: str = Field(description="name of a built-in or installed kind, 'package.module:Name', or './file.py:Name'")
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """All keys but those of the framework."""
+        return dict(self.model_extra or {})
+
+    def with_options(self, changes: dict[str, Any]) -> "Kind":
+        """The same table with some options replaced."""
+        return self.model_copy(update=changes)
