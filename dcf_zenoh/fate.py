@@ -32,6 +32,7 @@ class Fate:
 
     def __init__(self, faults: AgentFaults, away: Callable[[int, int], Publish] | None) -> None:
         crash, slow = faults.crash, faults.slow
+        self._any = bool(faults)
         self._away = away
         self._pause = _window(faults.pause) if faults.pause else (NEVER, NEVER)
         self._crash_at = nanoseconds(crash.at) if crash else NEVER
@@ -58,6 +59,8 @@ class Fate:
         Raises:
             Crashed: This is the instant of the crash.
         """
+        if not self._any:
+            return (yield from flow)
         reply: int | None = None
         while True:
             try:

@@ -13,7 +13,6 @@ from dcf_zenoh.messaging.delivery import Delivery
 from dcf_zenoh.messaging.message import Last, Message, Payload, canonical
 from dcf_zenoh.plant import Plant, Setpoint
 
-
 T = TypeVar("T")
 Delay: TypeAlias = Callable[[int, int, int], int | None]  # sender, receiver, round -> rounds on the way; None: lost
 

@@ -95,7 +95,7 @@ def trades_robust(
         for j, payload in inbox.items():
             lam += me.neighbourhood.weights[j] * (payload["lam"] - nu)
             if inbox.new(j):  # a held message must not count twice
-                tracker.hear(j, payload["edge"])
+                tracker.hear(j, np.asarray(payload["edge"]))
         tracker.combine()
         me.note(u=u, lam=lam, mean=tracker.mean)
         if inbox.stop:
@@ -105,8 +105,8 @@ def trades_robust(
 class _Tracker:
     """Tracks the mean over the fleet of a vector theta of each agent, by relaxed ADMM over the edges.
 
-    The agents minimise sum_i |x_i - theta_i|^2 / 2 under x_i = x_j on every edge, which the mean solves, from any start.
-    An edge counts once something has come over it: with an edge that is silent for the whole step, x would be pulled
+    The agents minimise sum_i |x_i - theta_i|^2 / 2 under x_i = x_j on every edge, which the mean solves, from any
+    start. An edge counts once something has come over it: an edge that is silent for the whole step would pull x
     towards whatever it started from.
 
     Source: Carnevale et al. 2025, its robust variant, with q for z.

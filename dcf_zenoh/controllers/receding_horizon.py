@@ -116,7 +116,7 @@ class RecedingHorizon(Controller):
         if sight is None:
             return Decision(None, np.empty(0), {"unknown_agents": len(others.unknown)})
         if isinstance(self._problem, Signed):
-            posed = cast(SignedProblem, self._problem).at(sight.states, signs=sight.signs, lost=sight.lost)
+            posed = self._problem.at(sight.states, signs=sight.signs, lost=sight.lost)
         else:
             posed = self._problem.at(sight.states)
         result = yield from others.carrier.carry(solve(self._algorithm, posed, self._me))

@@ -52,7 +52,10 @@ class Table:
         if self._payload is None:
             keys = sorted(self.rows)
             steps, values = zip(*(self.rows[key] for key in keys), strict=True)
-            self._payload = dict(zip(self._names, (np.array(keys), np.array(steps), np.array(values)), strict=True))
+            arrays = np.array(keys), np.array(steps), np.array(values)
+            for array in arrays:
+                array.setflags(write=False)  # one copy for the messages to all neighbours
+            self._payload = dict(zip(self._names, arrays, strict=True))
         return self._payload
 
     def merge(self, payload: Payload) -> None:

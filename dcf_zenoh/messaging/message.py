@@ -87,6 +87,8 @@ _LAST = tuple(Last)
 def canonical(payload: Payload) -> dict[str, Value]:
     """A private copy of `payload`, exactly what a receiver decodes: contiguous read-only arrays, plain numbers.
 
+    Arrays that are so already, and own their data, are taken as they are.
+
     Runners hand this to the sender and the receivers alike, so that no result depends on memory layout and no
     algorithm can change what it has sent.
 
@@ -108,10 +110,12 @@ def canonical(payload: Payload) -> dict[str, Value]:
                 )
             if value.ndim > DIMENSIONS_MAX:
                 raise MessageError(f"payload {name!r}: {value.ndim} dimensions, at most {DIMENSIONS_MAX} can be sent")
-            array = np.array(value, dtype=dtype, order="C")
-            array.setflags(write=False)
-            copy[name] = array
-            size += array.nbytes
+            flags = value.flags
+            if flags.writeable or not (flags.owndata and flags.c_contiguous and value.dtype == dtype):
+                value = np.array(value, dtype=dtype, order="C")  # noqa: PLW2901
+                value.setflags(write=False)
+            copy[name] = value
+            size += value.nbytes
         elif isinstance(value, np.generic):
             copy.update(canonical({name: value.item()}))
         elif isinstance(value, float):

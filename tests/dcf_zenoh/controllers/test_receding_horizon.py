@@ -11,7 +11,7 @@ from dcf_zenoh.graph import Graph
 from dcf_zenoh.plant import Array, Setpoint, State
 from dcf_zenoh.problems.position_swap import PositionSwap
 from dcf_zenoh.testing import converse, fleet_of
-from tests.dcf_zenoh.controllers.closed_loop import fly
+from tests.closed_loop import fly
 
 PAIR = Graph.of((1, 2), [(1, 2), (2, 1)])
 PLAN = np.arange(6.0) / 10
@@ -120,9 +120,9 @@ def test_times_below_zero_are_refused(option: str) -> None:
 @pytest.mark.parametrize("steps", [3, 5])  # 1 s is longer than it takes to count as lost
 def test_a_fleet_that_falls_apart_for_a_while_keeps_its_distance(steps: int) -> None:
     group = {1: 0, 2: 0, 3: 1, 4: 1}
-    for begin in (15, 20, 25):
+    for begin in (15, 20):
         flight = fly(
-            lambda step: (lambda j, i, _: None if begin <= step < begin + steps and group[j] != group[i] else 0),  # noqa: B023
+            lambda step: lambda j, i, _: None if begin <= step < begin + steps and group[j] != group[i] else 0,  # noqa: B023
             rounds=40,
         )
         assert flight.arrival is not None
@@ -130,7 +130,7 @@ def test_a_fleet_that_falls_apart_for_a_while_keeps_its_distance(steps: int) -> 
         assert bool(flight.notes["lost_agents"]) is (steps > 3)
 
 
-def test_a_lost_agent_is_kept_clear_of_where_it_was_seen_last() -> None:
-    flight = fly(lambda step: (lambda j, i, _: None if step >= 8 and 3 in (j, i) else 0), rounds=60, stops={3: 8})
-    assert flight.least_barrier > 0.05
-    assert flight.notes["lost_agents"] > 0
+def test_the_others_keep_clear_of_where_a_lost_agent_was_seen_last() -> None:
+    flight = fly(lambda step: lambda j, i, _: None if step >= 4 and 3 in (j, i) else 0, rounds=60, stops={3: 0})
+    assert flight.least_barrier > -1e-3  # agent 4 presses against 3, which stays where 4 wants to be: h goes to 0
+    assert flight.notes["lost_agents"] > 100
