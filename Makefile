@@ -18,6 +18,8 @@ test: $(READY)  ## every check
 bench: $(READY)  ## ratios against a bare Zenoh loop and the bare generators
 	$(BIN)/python benchmarks/rounds.py
 	$(BIN)/python benchmarks/simulate.py
+	$(BIN)/python benchmarks/faults.py
+	$(BIN)/python benchmarks/latency.py
 
 clean:
 	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache .hypothesis build dist *.egg-info
