@@ -7,7 +7,6 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -15,6 +14,7 @@ import pytest
 from agentd.cli import main
 from dcf_zenoh import Run
 from dcf_zenoh.config import load
+from tests.command_line import Answer
 from tests.daemons import TRIO
 
 KEYS = {
@@ -22,24 +22,6 @@ KEYS = {
     "min_distance", "rounds_per_step", "compute_ms", "negotiation_ms", "deadline_misses", "messages", "digest",
 }  # fmt: skip
 QUICK = ("--json", "--no-report", "--set", "time.duration=1.0")
-
-
-class Answer(NamedTuple):
-    code: int
-    out: str
-    err: str
-
-
-@pytest.fixture
-def agentd(capfd: pytest.CaptureFixture[str]) -> Callable[..., Answer]:
-    """Run a command line in this process."""
-
-    def run(*words: str | Path) -> Answer:
-        capfd.readouterr()
-        code = main([str(word) for word in words])
-        return Answer(code, *capfd.readouterr())
-
-    return run
 
 
 @pytest.fixture

@@ -8,7 +8,6 @@ from collections.abc import Callable
 from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import NamedTuple
 
 import msgpack
 import pytest
@@ -22,6 +21,7 @@ from dcf_zenoh import Run
 from dcf_zenoh.config import freeze, load
 from dcf_zenoh.configuration.fault_links import window_of
 from dcf_zenoh.reception import Passed
+from tests.command_line import Answer
 from tests.daemons import PROCESSES, Launch, until
 
 PLUGINS = """\
@@ -87,12 +87,6 @@ IDS = (1, 2, 3)
 NOWHERE = "tcp/127.0.0.1:9"  # where nobody listens
 
 
-class Answer(NamedTuple):
-    code: int
-    out: str
-    err: str
-
-
 @dataclass
 class Flight:
     """What an operator did to a fleet, and what came of it.
@@ -119,18 +113,6 @@ class Flight:
 
     def passed(self, sender: int, receiver: int) -> list[Passed]:
         return [each for each in self.run.agents[receiver].passed if each.sender == sender]
-
-
-@pytest.fixture
-def agentd(capfd: pytest.CaptureFixture[str]) -> Callable[..., Answer]:
-    """Run a command line in this process."""
-
-    def run(*words: str | Path) -> Answer:
-        capfd.readouterr()
-        code = main([str(word) for word in words])
-        return Answer(code, *capfd.readouterr())
-
-    return run
 
 
 def write_fleet(folder: Path, text: str = FLEET) -> Path:

@@ -2,15 +2,14 @@ import json
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple
 
 import pytest
 
-from agentd.cli import main
 from agentd.links import replay_lines
 from dcf_zenoh.config import load
 from dcf_zenoh.faults.profile import LinkProfile, read_profile
 from dcf_zenoh.run import Run
+from tests.command_line import Answer
 from tests.daemons import TRIO, Launch
 from tests.faulty_runs import named
 from tests.lossy_fleets import lossy
@@ -21,24 +20,6 @@ from = 1
 to = 2
 odd = { kind = "./named.py:Named", lost = [[3, 2], [5, 0], [5, 1]], doubled = [[4, 1]], delayed = [[6, 3]], by = 0.001 }
 """
-
-
-class Answer(NamedTuple):
-    code: int
-    out: str
-    err: str
-
-
-@pytest.fixture
-def agentd(capfd: pytest.CaptureFixture[str]) -> Callable[..., Answer]:
-    """Run a command line in this process."""
-
-    def run(*words: str | Path) -> Answer:
-        capfd.readouterr()
-        code = main([str(word) for word in words])
-        return Answer(code, *capfd.readouterr())
-
-    return run
 
 
 @pytest.fixture(scope="module")
