@@ -9,7 +9,7 @@ from typing import NamedTuple
 import pytest
 
 import dcf_zenoh
-from tests.references import INSTANCES, Reference
+from tests.references import Reference
 
 SEEDS = range(10)
 # Rounds end after 50 us, so that the step's decision acts almost at its beginning, as without losses.
@@ -54,16 +54,16 @@ def test_all_arrive_and_keep_their_distance(case: str, topology: str) -> None:
             assert barrier >= least, f"seed {seed}"
 
 
-@pytest.mark.parametrize("loss", [0.05, 0.2, 0.5])
-@pytest.mark.parametrize("name", INSTANCES)
-def test_loss_leaves_no_bias_but_in_the_plain_method(name: str, loss: float, tmp_path: Path) -> None:
+@pytest.mark.parametrize("name", ["n4_line_agg", "n6_line_nonpotential"])  # all four: test_trades_robust.py
+def test_loss_leaves_no_bias_but_in_the_plain_method(name: str, tmp_path: Path) -> None:
     reference = Reference.read(name)
     file = tmp_path / "fleet.toml"
-    file.write_text(reference.fleet_file(rounds=1500, threshold=0.0))
+    file.write_text(reference.fleet_file(rounds=1600, threshold=0.0))
     changes = ["controller.kind='receding_horizon'", "controller.sharing='ride'", "exchange.round_timeout=1e-6"]
     errors = {}
-    for algorithm in ("trades_robust", "trades"):
-        run = dcf_zenoh.simulate(file, algorithm=algorithm, seed=3, changes=[*changes, f"faults.loss={loss}"])
+    for algorithm, rounds in (("trades_robust", 1600), ("trades", 300)):
+        now = [*changes, "faults.loss=0.5", f"exchange.max_rounds={rounds}"]
+        run = dcf_zenoh.simulate(file, algorithm=algorithm, seed=3, changes=now)
         decisions = {i: log.decision[0] for i, log in run.agents.items()}
         errors[algorithm] = max(abs(u - reference.expected("u_star", i)).max() for i, u in decisions.items())
     assert errors["trades_robust"] < 1e-9
