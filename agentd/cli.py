@@ -9,7 +9,7 @@ from contextlib import redirect_stdout
 from pathlib import Path
 
 from agentd import commands, exit_codes
-from dcf_zenoh.errors import AlgorithmError, DcfError, PlantError
+from dcf_zenoh.errors import AlgorithmError, DcfError, FaultError, PlantError
 from dcf_zenoh.plugins import GROUPS
 
 DESCRIPTION = """\
@@ -50,7 +50,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _complain(error: DcfError) -> None:
     """One line per problem; before it, the traceback of an exception in the user's own code."""
-    if isinstance(error, AlgorithmError | PlantError) and not isinstance(error.__cause__, DcfError | None):
+    if isinstance(error, AlgorithmError | FaultError | PlantError) and not isinstance(error.__cause__, DcfError | None):
         traceback.print_exception(error.__cause__)
     for line in str(error).splitlines():
         print(f"agentd: {line}", file=sys.stderr)

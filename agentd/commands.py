@@ -53,6 +53,8 @@ def run(options: Namespace) -> int:
     folder: Path = options.out or Path("runs") / fleet.spec.name
     about = read_about(folder)
     endpoints = {int(i): str(endpoint) for i, endpoint in about.get("endpoints", {}).items()}
+    if options.rejoin and "ended" in about:
+        raise RecordingError(f"{folder}: --rejoin: this run ended at {about['ended']}")
     if options.rejoin and fleet.spec.time.clock == "virtual":
         raise ConfigurationError("--rejoin: only on the wall clock; a run in virtual time can be repeated instead")
     if not (options.supervised or options.rejoin):

@@ -178,6 +178,7 @@ def _supervise(
             if daemon.code is None and (code := daemon.process.poll()) is not None:
                 daemon.code = code
                 if code:
+                    daemon.status = {**daemon.status, "ended": True}
                     text = f"agent {daemon.agent} {_death(daemon, now - began)}"
                     problems.add(text, effect=code == NEIGHBOUR_LOST)
                 if not (code and patient):
@@ -199,7 +200,7 @@ def _death(daemon: Daemon, after: float) -> str:
 
 
 def _progress(daemon: Daemon) -> str:
-    return f", after step {daemon.status['step']}" if daemon.status else ", before its first step"
+    return f", after step {daemon.status['step']}" if "step" in daemon.status else ", before its first step"
 
 
 def _end(daemons: Mapping[int, Daemon], problems: Problems) -> None:

@@ -53,7 +53,7 @@ class Progress:
             self._live.update(self._table(status), refresh=True)
         elif not self._quiet and time.monotonic() - self._last_line >= LINE_PERIOD:
             self._last_line = time.monotonic()
-            steps = [entry.get("step", "-") for entry in status.values()]
+            steps = [entry.get("step", "-") for entry in status.values() if not entry.get("ended")] or ["-"]
             late = sum(entry.get("late", 0) for entry in status.values())
             line = f"step {min(map(str, steps), key=len)} of {self._fleet.steps}, {late} deadlines missed"
             self._console.print(line + self._separation(status), markup=False, highlight=False)
@@ -64,13 +64,14 @@ class Progress:
             table.add_column(heading, justify="right")
         for agent, entry in status.items():
             position = ", ".join(f"{value:+.2f}" for value in entry.get("position", ()))
-            step = f"{entry['step'] + 1} / {self._fleet.steps}" if entry else "getting ready"
+            step = f"{entry['step'] + 1} / {self._fleet.steps}" if "step" in entry else "getting ready"
             remark = str(entry.get("remark", ""))
             table.add_row(str(agent), step, str(entry.get("rounds", "")), str(entry.get("late", "")), position, remark)
         return table
 
     @staticmethod
     def _separation(status: Mapping[int, Mapping[str, Any]]) -> str:
-        places = [entry["position"] for entry in status.values() if entry.get("position")]
+        flying = [entry for entry in status.values() if not entry.get("ended")]
+        places = [entry["position"] for entry in flying if entry.get("position")]
         gaps = [dist(a, b) for a, b in combinations(places, 2) if len(a) == len(b)]
         return f", closest pair {min(gaps):.2f} m" if gaps else ""

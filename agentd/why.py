@@ -41,6 +41,10 @@ def why_lines(run: Run, found: Explanation) -> Iterator[str]:
     for step in found.before:
         yield ""
         yield from _step(run, found, step)
+    if found.falsified:
+        yield ""
+        acts = [f"{name!r} acts on {count} link{'s' * (count > 1)}" for name, count in found.falsified.items()]
+        yield f"Payloads were changed on the way: {', '.join(acts)}."
     yield ""
     yield "With a perfect network, all agents present, as many rounds as it takes, and setpoints that act as late:"
     for alternative in found.alternatives:
@@ -130,8 +134,8 @@ def _verdict(found: Explanation) -> str:
         return _undisturbed(found, gain)
     if gain <= _ALIKE:
         return (
-            "Something was lost, late or absent in these steps, but with a perfect network the two would have come as"
-            " close: it is not the cause."
+            "Something was lost, late, absent or falsified in these steps, but with a perfect network the two would have"
+            " come as close: it is not the cause."
         )
     if found.quantity == "distance" or found.value >= 0:
         return f"With a perfect network the two would have stayed further apart, by up to {gain:.3f}{_unit(found)}."

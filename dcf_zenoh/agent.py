@@ -229,10 +229,11 @@ def _start(me: Me, exchange: Exchange, timeout: int) -> Loop[int]:
 
 
 def _latest(me: Me, proposal: int) -> Dialogue[int | None]:
-    """The largest proposal of the fleet; None if somebody was not heard."""
-    for _ in range(me.neighbourhood.diameter):
+    """The largest proposal of the fleet; None if somebody was not heard, or there is no time left."""
+    diameter = me.neighbourhood.diameter
+    for number in range(1, diameter + 1):
         inbox = yield {"start": proposal}, float("inf")
-        if inbox.missing:
+        if inbox.missing or (inbox.stop and number < diameter):
             return None
         proposal = max(proposal, *(int(inbox[j]["start"]) for j in inbox))
     return proposal

@@ -98,6 +98,9 @@ def compare(a: Run, b: Run, *, tolerance: float = 0.0) -> Comparison:
             f"not comparable: {fleets[0]} and {fleets[1]} have logs of different agents", False, None, {}, tolerance,
             a.fleet.time.sample_time,
         )  # fmt: skip
+    if not any(len(log.step) for run in (a, b) for log in run.agents.values()):
+        nothing = "not comparable: neither run has recorded a single step"
+        return Comparison(nothing, False, None, {}, tolerance, a.fleet.time.sample_time)
     remark = "" if a.fleet.name == b.fleet.name else f"different fleets: {a.fleet.name} and {b.fleet.name}"
     first: Deviation | None = None
     largest: dict[str, Deviation] = {}

@@ -49,6 +49,10 @@ class AlgorithmError(DcfError):
     """
 
 
+class FaultError(DcfError):
+    """A fault of a link raised an exception, which is the cause, or returned something else than deliveries."""
+
+
 class PlantError(DcfError):
     """A plant raised an exception; that is the cause."""
 

@@ -175,7 +175,8 @@ class Exchange:
             elif now >= until:
                 stopped_by = "budget"
             inbox = self._inbox(talk, sent, round, stop=bool(stopped_by))
-            now = yield from self._computing(talk, now)
+            if step >= 0:
+                now = yield from self._computing(talk, now)
         if stopped_by in ("", "budget") or self._margin:  # the others may not know that it is through
             yield Publish(self._transmission.message(now, step, talk.rounds, last=Last.OF_STEP))
         return now, stopped_by or "returned"

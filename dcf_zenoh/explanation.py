@@ -1,6 +1,6 @@
 """Why two agents came as close as they did: what the links did before, and what would have happened without it."""
 
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from itertools import combinations, pairwise
@@ -10,12 +10,16 @@ import numpy as np
 
 from dcf_zenoh.agent_log import AgentLog
 from dcf_zenoh.config import LoadedFleet, graph_of
-from dcf_zenoh.errors import RecordingError
+from dcf_zenoh.configuration.fault_links import window_of
+from dcf_zenoh.errors import PluginError, RecordingError
+from dcf_zenoh.faults.fault import Stage
 from dcf_zenoh.graph import Graph
 from dcf_zenoh.link_health import NETWORK, LinkHealth, link_health
 from dcf_zenoh.plant import Array
+from dcf_zenoh.plugins import load
 from dcf_zenoh.replay import Replay, replay
 from dcf_zenoh.run import Run
+from dcf_zenoh.spec import Switch, nanoseconds
 
 WINDOW = 2  # steps before the closest approach that are looked at
 _FURTHER = (4, 8)  # so many steps before, where the agents meet all the same
@@ -141,6 +145,7 @@ class Explanation:
         value: How close they came.
         path: The shortest paths between the two, there and back; two agents each where they are neighbours.
         before: The steps that led there, the latest first; none if the run begins there.
+        falsified: Faults that may have changed payloads in those steps -> on how many links.
         alternatives: Replays without faults, from the step before on, and from ever earlier ones; none as above.
     """
 
@@ -150,12 +155,13 @@ class Explanation:
     value: float
     path: tuple[tuple[int, ...], tuple[int, ...]]
     before: tuple[StepBefore, ...]
+    falsified: Mapping[str, int]
     alternatives: tuple[Alternative, ...]
 
     @property
     def disturbed(self) -> bool:
-        """Whether anything in the fleet was lost, late or absent in the steps before."""
-        return any(each.disturbed for each in self.before)
+        """Whether anything in the fleet was lost, late, absent or falsified in the steps before."""
+        return bool(self.falsified) or any(each.disturbed for each in self.before)
 
     @property
     def took_time(self) -> bool:
@@ -192,6 +198,7 @@ def explain(run: Run) -> Explanation:
         value=float(values[step, place]),
         path=path,
         before=before,
+        falsified=_falsified(run, graph, [each.step for each in before]),
         alternatives=(),
     )
     alternatives: list[Alternative] = []
@@ -201,6 +208,33 @@ def explain(run: Run) -> Explanation:
         again = replay(run, step - back, step)
         alternatives.append(Alternative(again, _value(run, again, pair)))
     return replace(found, alternatives=tuple(alternatives))
+
+
+def _falsified(run: Run, graph: Graph, steps: Iterable[int]) -> dict[str, int]:
+    """Faults of the fleet file that change payloads, or may: name -> number of links on which one acts."""
+    instants = [nanoseconds(run.fleet.time.sample_time) * step for step in steps]
+    found: Counter[str] = Counter()
+    for receiver in graph.agents:
+        for sender in graph.in_neighbours(receiver):
+            names = set()
+            for instant in instants:
+                acting: dict[str, Switch] = {}
+                for rule in run.fleet.faults.rules:
+                    begin, end = window_of(rule)
+                    if rule.covers(sender, receiver) and begin <= instant < end:
+                        acting.update(rule.faults)
+                names |= {name for name, fault in acting.items() if fault and _falsifies(fault.kind, run.folder)}
+            found.update(names)
+    return dict(sorted(found.items()))
+
+
+def _falsifies(kind: str, folder: Path | None) -> bool:
+    """Whether a fault stands where payloads are changed; not if it is not there any more to be looked at."""
+    try:
+        stage = getattr(load("faults", kind, folder or Path()), "STAGE", None)
+    except PluginError:
+        return False
+    return stage in (Stage.SENDER, Stage.PAYLOAD)
 
 
 def _values(run: Run) -> Array:

@@ -7,7 +7,7 @@ from typing import Any
 
 from dcf_zenoh.configuration.wording import reason
 from dcf_zenoh.errors import PluginError
-from dcf_zenoh.faults.fault import Fault
+from dcf_zenoh.faults.fault import Fault, Stage
 from dcf_zenoh.faults.link import ALWAYS, Layer, Link
 from dcf_zenoh.graph import Graph
 from dcf_zenoh.plugins import Plugin, accepted, check_options, check_signature, load, positional
@@ -89,7 +89,8 @@ def needs_positions(spec: FleetSpec, folder: Path) -> bool:
 def margin_of(spec: FleetSpec, folder: Path) -> int:
     """Rounds between announcing the end of a step and leaving it: what the file says, or what loss asks for.
 
-    On the wall clock a time-out of rounds loses what is late, and faults can be added while the fleet runs.
+    Where rounds time out, what is late is lost for its round: by any fault of a link, by computing that takes long, and
+    on the wall clock always.
 
     Raises:
         PluginError: A fault cannot be loaded.
@@ -98,7 +99,13 @@ def margin_of(spec: FleetSpec, folder: Path) -> int:
         return spec.exchange.margin
     if spec.exchange.mode == "asynchronous":
         return 0
-    times_out = spec.time.clock == "wall" and spec.exchange.round_timeout is not None
+    delays = (
+        spec.time.clock == "wall"
+        or spec.exchange.compute_time > 0
+        or any(own.faults for own in spec.agents.values())
+        or any(fault for rule in spec.faults.rules for fault in rule.faults.values())
+    )
+    times_out = spec.exchange.round_timeout is not None and delays
     return MARGIN_WITH_LOSS if times_out or can_lose(spec, folder) else 0
 
 
@@ -157,6 +164,8 @@ class Recipe:
             raise PluginError(f"{self.name}: {name_of(self.plugin)} refused its options: {reason(error)}") from error
         if not isinstance(fault, Fault):
             raise PluginError(f"{self.name}: {name_of(self.plugin)} made a {type(fault).__name__}, not a Fault")
+        if not isinstance(fault.STAGE, Stage):
+            raise PluginError(f"{self.name}: STAGE of {name_of(self.plugin)} must be a Stage, not {fault.STAGE!r:.40}")
         return fault
 
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from dcf_zenoh.faults.fault import Fault, Stage
-from dcf_zenoh.faults.limits import at_least, positive
+from dcf_zenoh.faults.limits import LONGEST, at_least, positive
 from dcf_zenoh.messaging.delivery import Delivery
 
 BEFORE_ALL_TIME = -(2**63)  # ns
@@ -43,6 +43,7 @@ class Bandwidth(Fault):
         self._byte = denominator * 1_000_000_000  # in which a byte's token flows in, in those units
         self._burst = int(positive("burst", burst, "bytes"))
         self._limit = int(at_least("queue", queue, 0, "bytes"))
+        at_least("rate", rate, (self._limit + self._burst) / LONGEST, "bytes/s")
         self._empty = BEFORE_ALL_TIME * self._unit  # when the bucket was or will be, exactly
         self._waiting: deque[tuple[int, int]] = deque()  # departure in ns, and size
         self._waiting_bytes = 0

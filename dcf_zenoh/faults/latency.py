@@ -130,8 +130,9 @@ def _normal(mean: float, std: float) -> Draw:
 
 
 def _gamma(mean: float, std: float) -> Draw:
-    shape = (positive("mean", mean, "s") / positive("std", std, "s")) ** 2
-    scale = std**2 / mean
+    if not positive("std", std, "s") >= 1e-6 * positive("mean", mean, "s"):
+        raise ValueError(f"std must be at least a millionth of the mean, {mean:g}, in s, not {std}")
+    shape, scale = (mean / std) ** 2, std**2 / mean
     return lambda rng: rng.gamma(shape, scale)
 
 

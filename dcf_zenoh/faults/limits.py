@@ -2,6 +2,8 @@
 
 from math import isfinite
 
+LONGEST = 1e8  # s; some three years
+
 
 def probability(key: str, value: float) -> float:
     """`value` if it is a probability.
@@ -26,25 +28,32 @@ def finite(key: str, value: float) -> float:
 
 
 def at_least(key: str, value: float, least: float, unit: str = "") -> float:
-    """`value` if it is finite and not less than `least`.
+    """`value` if it is finite and not less than `least`, and no time that never ends.
 
     Raises:
         ValueError: It is not.
     """
     if not (value >= least and isfinite(value)):
         raise ValueError(f"{key} must be at least {least:g}{_in(unit)}, not {value}")
+    _not_endless(key, value, unit)
     return value
 
 
 def positive(key: str, value: float, unit: str = "") -> float:
-    """`value` if it is finite and greater than 0.
+    """`value` if it is finite and greater than 0, and no time that never ends.
 
     Raises:
         ValueError: It is not.
     """
     if not (value > 0 and isfinite(value)):
         raise ValueError(f"{key} must be positive{_in(unit)}, not {value}")
+    _not_endless(key, value, unit)
     return value
+
+
+def _not_endless(key: str, value: float, unit: str) -> None:
+    if unit == "s" and value > LONGEST:
+        raise ValueError(f"{key} must be at most {LONGEST:g}, in s, not {value}")
 
 
 def _in(unit: str) -> str:

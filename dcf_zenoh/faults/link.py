@@ -8,8 +8,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from dcf_zenoh.errors import DcfError, FaultError, account
 from dcf_zenoh.faults.fault import Fault
 from dcf_zenoh.messaging.delivery import Delivery
+from dcf_zenoh.messaging.message import Message
+from dcf_zenoh.requests import NEVER
 
 ALWAYS = (-inf, inf)
 
@@ -49,6 +52,16 @@ class Layer:
         return None
 
 
+def _sound(after: object, before: Delivery) -> bool:
+    return (
+        type(after) is Delivery
+        and type(after.due) is int
+        and before.entered == after.entered <= after.due <= NEVER
+        and type(after.message) is Message
+        and after.message[:3] == before.message[:3]  # sender, incarnation, sequence
+    )
+
+
 class Link:
     """The chain of faults of one directed link.
 
@@ -61,6 +74,7 @@ class Link:
 
     def __init__(self, seed: int, sender: int, receiver: int, layers: Iterable[Layer] = ()) -> None:
         key = np.random.SeedSequence([seed, sender, receiver]).generate_state(2, np.uint64)
+        self._ends = f"link {sender} -> {receiver}"
         self._philox = np.random.Philox(key=key)
         self._rng = np.random.Generator(self._philox)
         self._state = self._philox.state  # nothing drawn yet, and it stays so but for the counter
@@ -82,7 +96,11 @@ class Link:
                 layer.entries[place] = (begin, min(end, instant)), fault
 
     def convey(self, delivery: Delivery) -> Passage:
-        """Lead one message through the chain. Messages come in the order in which they were sent."""
+        """Lead one message through the chain. Messages come in the order in which they were sent.
+
+        Raises:
+            FaultError: A fault broke its contract.
+        """
         deliveries = [delivery]
         self._counter[1], self._counter[3] = delivery.message.sequence, delivery.message.incarnation
         for layer in self._chain:
@@ -91,10 +109,26 @@ class Link:
                 continue
             self._counter[2] = layer.place
             self._philox.state = self._state  # the random numbers of this message and place in the chain
-            deliveries = [after for each in deliveries for after in fault.apply(each, self._rng)]
+            deliveries = [after for each in deliveries for after in self._apply(layer.name, fault, each)]
             if not deliveries:
                 return Passage(deliveries, layer.name)
         return Passage(deliveries, "")
+
+    def _apply(self, name: str, fault: Fault, delivery: Delivery) -> tuple[Delivery, ...]:
+        """What `fault` makes of one delivery, checked: it may be anybody's."""
+        try:
+            found = tuple(fault.apply(delivery, self._rng))
+        except DcfError:
+            raise
+        except (Exception, SystemExit) as error:
+            raise FaultError(f"{self._ends}: fault {name!r}: {account(error)}") from error
+        for after in found:
+            if after is not delivery and not _sound(after, delivery):
+                raise FaultError(
+                    f"{self._ends}: fault {name!r} made {after!r:.60} of a message; expected deliveries of the same"
+                    " message, whose due is a whole number of ns, not before they entered"
+                )
+        return found
 
     def _order(self) -> None:
         """Sort the chain by the stages of its faults."""

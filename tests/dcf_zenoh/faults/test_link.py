@@ -1,5 +1,5 @@
 import zlib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import permutations
 from math import inf
 from typing import Any
@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from dcf_zenoh.errors import FaultError
 from dcf_zenoh.faults.bandwidth import Bandwidth
 from dcf_zenoh.faults.bursts import Bursts
 from dcf_zenoh.faults.duplication import Duplication
@@ -198,3 +199,36 @@ def test_clear_ends_what_was_added_and_leaves_what_was_given() -> None:
     passages = convey(chain, 40)
     assert [number for number, gone in enumerate(lost(passages)) if gone] == [10, 11, 25]
     assert [round(s * 1000) for s in latencies(passages)] == [*[10] * 10, *[50] * 8, *[10] * 19]
+
+
+class Broken(Fault):
+    """Returns what it was told."""
+
+    def __init__(self, make: Callable[[Delivery], Any]) -> None:
+        self._make = make
+
+    def apply(self, delivery: Delivery, rng: np.random.Generator) -> Any:
+        return self._make(delivery)
+
+
+def fail(_delivery: Delivery) -> Any:
+    raise ZeroDivisionError("oops")
+
+
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (fail, r"link 1 -> 2: fault 'odd': ZeroDivisionError: oops \(test_link.py:\d+\)"),
+        (lambda _: None, "link 1 -> 2: fault 'odd': TypeError: 'NoneType' object is not iterable"),
+        (lambda _: ["x"], "link 1 -> 2: fault 'odd' made 'x' of a message; expected deliveries of the same message"),
+        (lambda d: [d._replace(due=d.due + 0.5)], "whose due is a whole number of ns"),
+        (lambda d: [d._replace(due=d.entered - 1)], "not before they entered"),
+        (lambda d: [d._replace(due=2**63)], "fault 'odd' made"),
+        (lambda d: [d._replace(entered=d.entered + 1, due=d.due + 1)], "fault 'odd' made"),
+        (lambda d: [d._replace(message=d.message._replace(sender=9))], "of the same message"),
+    ],
+)
+def test_a_fault_that_breaks_its_contract_is_named_with_its_link(make: Callable[[Delivery], Any], said: str) -> None:
+    chain = Link(0, 1, 2, [Layer("odd", [(ALWAYS, Broken(make))])])
+    with pytest.raises(FaultError, match=said):
+        chain.convey(delivery(0, 5))
