@@ -85,6 +85,8 @@ class Feed:
 
     def _welcome(self, hello: Hello) -> None:
         """Answer a neighbour that came later; if it was started again, its new life begins here."""
+        if hello.echo:  # it has heard an answer already; two that answer each other's answers never stop
+            return
         try:
             self._network.answer(hello)
         except NetworkError as error:
