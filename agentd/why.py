@@ -134,8 +134,8 @@ def _verdict(found: Explanation) -> str:
         return _undisturbed(found, gain)
     if gain <= _ALIKE:
         return (
-            "Something was lost, late, absent or falsified in these steps, but with a perfect network the two would have"
-            " come as close: it is not the cause."
+            "Something was lost, late, absent or falsified in these steps, but with a perfect network the two would"
+            " have come as close: it is not the cause."
         )
     if found.quantity == "distance" or found.value >= 0:
         return f"With a perfect network the two would have stayed further apart, by up to {gain:.3f}{_unit(found)}."

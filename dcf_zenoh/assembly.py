@@ -19,7 +19,7 @@ from dcf_zenoh.graph import Graph, Neighbourhood
 from dcf_zenoh.messaging.mailbox import Mailbox
 from dcf_zenoh.messaging.message import Last
 from dcf_zenoh.plant import Array, NoPlant, Plant, State, read_only
-from dcf_zenoh.plugins import bind, create, load
+from dcf_zenoh.plugins import accepted, bind, create, load
 from dcf_zenoh.reception import Reception
 from dcf_zenoh.recording import Recorder, StepRecord
 from dcf_zenoh.requests import Loop
@@ -113,7 +113,9 @@ class Blueprint:
             "rng": np.random.Generator(np.random.Philox([spec.seed, agent, 1])),
         }
         where = f"agents.{agent}"
-        problem = create(load("problems", own.problem.kind, folder), known, own.problem.options, f"{where}: problem")
+        poser = load("problems", own.problem.kind, folder)
+        nominal = {"nominal": accepted(poser).complete(spec.problem.options)}
+        problem = create(poser, known | nominal, own.problem.options, f"{where}: problem")
         algorithm = bind(load("algorithms", spec.algorithm.kind, folder), spec.algorithm.options, "algorithm")
         plant: Plant = NoPlant()
         if own.plant is not None:

@@ -1,7 +1,7 @@
 """Model predictive control: share the measured states, solve the game they make, apply its first input."""
 
 from collections.abc import Collection, Mapping
-from typing import Literal, Protocol, cast
+from typing import Literal, Protocol, cast, runtime_checkable
 
 import numpy as np
 
@@ -10,6 +10,7 @@ from dcf_zenoh.controllers.controller import Controller, Decision
 from dcf_zenoh.controllers.others import Others, Signed, Signs
 from dcf_zenoh.controllers.sharing import share_states
 from dcf_zenoh.plant import Array, Setpoint, State
+from dcf_zenoh.problems.prediction import state_ahead
 
 
 class StepProblem(Protocol):
@@ -45,6 +46,14 @@ class SignedProblem(Signed, Protocol):
         """
 
 
+@runtime_checkable
+class ModelledProblem(Protocol):
+    """A problem that knows how its body moves. The body of any other is taken to hold its acceleration."""
+
+    def ahead(self, state: State, flown: Setpoint | None, delay: float) -> Array:
+        """Position and velocity after `delay` (s) with the setpoint that is being flown, if any; shape (2 d,)."""
+
+
 class RecedingHorizon(Controller):
     """Receding-horizon control of one agent among others.
 
@@ -57,7 +66,7 @@ class RecedingHorizon(Controller):
             which nothing may be lost, or there is no setpoint. "ride": on every message of every round; a state
             that did not come in time is predicted, at constant velocity, from the newest one that did.
         predict_delay: Time from the measurement until the setpoint acts, in s. The problem starts from the own
-            state predicted for then, under the acceleration that is being flown.
+            state predicted for then, under the setpoint that is being flown.
         lost_after: With "ride", an agent whose newest state is older than this, in s, is kept clear of where it
             was last and takes no part.
 
@@ -138,11 +147,6 @@ class RecedingHorizon(Controller):
         delay = self._predict_delay
         if not delay:
             return state.vector
-        flown = None if self._flown is None else self._flown.acceleration
-        acceleration = np.zeros_like(state.velocity) if flown is None else np.resize(flown, state.velocity.shape)
-        return np.concatenate(
-            (
-                state.position + state.velocity * delay + acceleration * (delay**2 / 2),
-                state.velocity + acceleration * delay,
-            )
-        )
+        if isinstance(self._problem, ModelledProblem):
+            return self._problem.ahead(state, self._flown, delay)
+        return state_ahead(state, self._flown, delay, None)

@@ -13,7 +13,7 @@ from dcf_zenoh.plugins.schema import accepted, name_of, signature_of
 CONTEXT: Mapping[str, tuple[str, ...]] = {
     "algorithms": (),
     "controllers": ("problem", "algorithm", "me", "sample_time"),
-    "problems": ("agent", "agents", "sample_time"),
+    "problems": ("agent", "agents", "sample_time", "nominal"),
     "plants": ("agent", "start", "sample_time", "rng"),
     "topologies": ("agents",),
     "faults": ("sender", "receiver", "folder"),

@@ -88,6 +88,11 @@ class Schema:
                 problems[key] = str(error)
         return values, problems
 
+    def complete(self, options: Mapping[str, Any]) -> dict[str, Any]:
+        """The values the plug-in gets for `options`, and the defaults of all others that have one."""
+        defaults = {p.name: p.default for p in self.parameters if p.default is not REQUIRED}
+        return defaults | self.convert(options)[0]
+
     def missing(self, given: Iterable[str]) -> dict[str, str]:
         """Key -> what is missing, of those that have no default and are not `given`."""
         lacking = {p.name: p for p in self.parameters if p.default is REQUIRED}

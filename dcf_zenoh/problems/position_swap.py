@@ -1,38 +1,35 @@
 """Agents change places in the plane, each predicting its own motion, none closer to another than a diamond."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from itertools import combinations
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
-from scipy.linalg import solve_discrete_are
 
 from dcf_zenoh.plant import Array, Setpoint, State, read_only
+from dcf_zenoh.problems.prediction import Prediction, state_ahead
 
 SAME_COORDINATE = 1e-9  # m; closer than this, positions are equal and the lower id counts as the greater
 _NO_SIGNS: Mapping[tuple[int, int], Array] = MappingProxyType({})
 
 
-def _square(values: float | Sequence[float], size: int, name: str) -> Array:
-    """A diagonal matrix from a number or its diagonal."""
-    given = np.asarray(values, dtype=np.float64)
-    diagonal = np.broadcast_to(given, (size,)) if given.ndim == 0 else given
-    if diagonal.shape != (size,) or min(diagonal) < 0:
-        raise ValueError(f"{name} must be a number >= 0 or {size} of them, not {values}")
-    return np.diag(diagonal)
-
-
 class PositionSwap:
     """The aggregative game of the paper, posed anew at every control step.
 
-    Each agent is a double integrator and predicts it over `horizon` steps of its input u (planar accelerations, in
-    order of time, shape (2 H,)). It pays for the distance to its target and for effort, and for the distance of
-    the fleet's mean end position from `gather_at`. Every pair of agents shares `horizon` barrier constraints.
+    Each agent predicts its own motion over `horizon` steps of its input u (planar accelerations, in order of time,
+    shape (2 H,)), with a model of its own. It pays for the distance to its target and for effort, and for the distance
+    of the fleet's mean end position from `gather_at`. Every pair of agents shares `horizon` barrier constraints.
+
+    Agents may differ in weights, bounds and model; the constraints of a pair are sums of what each of the two can tell
+    of itself. They are scaled by numbers that must come out alike at every agent: so these follow from the nominal
+    weights and model, and not from the agent's own.
 
     Args:
         agent: Id of this agent.
         agents: Ids of all agents, ascending.
         sample_time: t_s, in s.
+        nominal: Key -> value at an agent without keys of its own, of all keys that have a default. None: like this one.
         target: Where this agent wants to be, shape (2,), in m.
         horizon: H, in steps.
         accel_max: Bound on each component of the acceleration, in m/s².
@@ -43,6 +40,8 @@ class PositionSwap:
         terminal_weight: beta, the weight of the terminal cost.
         gather_weight: p_a, the weight of the mean end position.
         gather_at: p_o, in m.
+        velocity_lag: None: the body holds the acceleration, as a double integrator does. Otherwise it is told the
+            velocity v + a t_s in every step, and tends to it with this time constant, in s; 0: it has it at once.
 
     Raises:
         ValueError: An argument is out of its range; the message says which.
@@ -50,16 +49,14 @@ class PositionSwap:
     Source: Memon et al., Section IV; barrier constraints after do Nascimento, Papachristodoulou, Margellos, CDC 2023.
     """
 
-    # The coupling rows of a pair, and their scale, must come out alike at every agent.
-    SHARED = (
-        "horizon", "radii", "barrier_decay", "state_weight", "input_weight", "terminal_weight",
-    )  # fmt: skip
+    SHARED = ("horizon", "radii", "barrier_decay")  # both agents of a pair must mean the same constraint
 
     def __init__(
         self,
         agent: int,
         agents: tuple[int, ...],
         sample_time: float,
+        nominal: Mapping[str, Any] | None = None,
         *,
         target: tuple[float, ...],
         horizon: int = 3,
@@ -71,6 +68,7 @@ class PositionSwap:
         terminal_weight: float = 1.5,
         gather_weight: float = 1.0,
         gather_at: tuple[float, float] = (0.0, 0.0),
+        velocity_lag: float | None = None,
     ) -> None:
         for name, value in (("horizon", horizon), ("accel_max", accel_max), ("radii", min(radii))):
             if not value > 0:
@@ -91,39 +89,42 @@ class PositionSwap:
         self.pairs = tuple(combinations(agents, 2))
         self.rows = len(self.pairs) * horizon
 
-        # Double integrator, eq. (1): z[l] = A^l z[0] + G_l u.
-        self.powers, self.lifts = _lift(sample_time, horizon)
-        Q = _square(state_weight, 4, "state_weight")
-        R = _square(input_weight, 2, "input_weight")
-        A, B = self.powers[1], self.lifts[1][:, :2]
-        P = terminal_weight * solve_discrete_are(A, B, Q, R)
-        stages = [(G, Q, power) for G, power in zip(self.lifts[:-1], self.powers[:-1], strict=True)]
-        stages.append((self.lifts[-1], P, self.powers[-1]))
-        # f(u) = u' M u + 2 g' u with g = linear @ (z - target); the stage at l = 0 does not depend on u.
-        self.quadratic = np.kron(np.eye(horizon), R) + sum(G.T @ W @ G for G, W, _ in stages)
-        self.linear: Array = np.asarray(sum(G.T @ W @ power for G, W, power in stages))
+        model: dict[str, Any] = {
+            "state_weight": state_weight,
+            "input_weight": input_weight,
+            "terminal_weight": terminal_weight,
+            "velocity_lag": velocity_lag,
+        }
+        self.velocity_lag = velocity_lag
+        own = Prediction.of(sample_time, horizon, **model)
+        self.powers, self.lifts, self.quadratic, self.linear = own
         self.end_map = self.lifts[-1][:2]  # Phi: u -> end position
         self.end_free = self.powers[-1][:2]  # state -> end position without input
         self.gather_map = (2 * gather_weight / len(agents) ** 2) * self.end_map.T
 
-        # h[l+1] >= (1 - gamma) h[l] along the prediction, as rows on the position difference of a pair.
-        keep = 1 - barrier_decay
-        self.barrier_input = [(self.lifts[step + 1] - keep * self.lifts[step])[:2] for step in range(horizon)]
-        self.barrier_state = [(self.powers[step + 1] - keep * self.powers[step])[:2] for step in range(horizon)]
-        self.row_scale = self._row_scale()
-        for array in (self.quadratic, self.linear, self.gather_map, *self.barrier_input, *self.barrier_state):
+        self.barrier_input, self.barrier_state = _barrier_maps(own, barrier_decay)
+        agreed = own if nominal is None else Prediction.of(sample_time, horizon, **{key: nominal[key] for key in model})
+        self.row_scale = self._row_scale(agreed)
+        for array in (self.gather_map, self.row_scale, *self.barrier_input, *self.barrier_state):
             array.setflags(write=False)
 
-    def _row_scale(self) -> Array:
-        """1 / sqrt(2 r (2M)^-1 r') for each row: the dual of a scaled row has unit curvature. Sign-independent."""
+    def _row_scale(self, agreed: Prediction) -> Array:
+        """1 / sqrt(2 r (2M)^-1 r') for each row: the dual of a scaled row has unit curvature. Sign-independent.
+
+        Curvature is what an agent of the `agreed` prediction adds; one that pays more for its input adds less.
+        """
         weights = np.array([1 / self.radii[0], 1 / self.radii[1]])
-        inverse = np.linalg.inv(2 * self.quadratic)
-        rows = [weights @ matrix for matrix in self.barrier_input]
+        inverse = np.linalg.inv(2 * agreed.quadratic)
+        rows = [weights @ matrix for matrix in _barrier_maps(agreed, self.barrier_decay)[0]]
         return np.array([1 / np.sqrt(2 * row @ inverse @ row) for row in rows])
 
     def distance_to_go(self, state: State) -> float:
         """Distance to the target in the plane, in m."""
         return float(np.hypot(*(state.position[:2] - self.target)))
+
+    def ahead(self, state: State, flown: Setpoint | None, delay: float) -> Array:
+        """Where the body is after `delay` (s) with the setpoint that it is flying, by the agent's model."""
+        return state_ahead(state, flown, delay, self.velocity_lag)
 
     def signs(self, states: Mapping[int, Array]) -> dict[tuple[int, int], Array]:
         """On which side of each other this agent and every other are.
@@ -245,23 +246,26 @@ class SwapGame:
         return np.minimum(np.maximum(u, -bound), bound)
 
     def setpoint(self, decision: Array, stage: int) -> Setpoint | None:
-        """Acceleration of `stage`, and the predicted position and velocity at the stage's end."""
+        """Acceleration of `stage`, and the predicted position and velocity at the stage's end.
+
+        With a lag the velocity is the one to be told to the body, which it does not quite reach.
+        """
         problem = self._problem
         if stage >= problem.horizon:
             return None
         ahead = problem.powers[stage + 1] @ self._state + problem.lifts[stage + 1] @ decision
-        return Setpoint(ahead[:2], ahead[2:], decision[2 * stage : 2 * stage + 2])
+        acceleration, velocity = decision[2 * stage : 2 * stage + 2], ahead[2:]
+        if problem.velocity_lag is not None:
+            before = problem.powers[stage] @ self._state + problem.lifts[stage] @ decision
+            velocity = before[2:] + problem.sample_time * acceleration
+        return Setpoint(ahead[:2], velocity, acceleration)
 
 
-def _lift(sample_time: float, horizon: int) -> tuple[list[Array], list[Array]]:
-    """Powers A^l and lifted input matrices G_l of the planar double integrator, l = 0 .. horizon."""
-    eye, zero = np.eye(2), np.zeros((2, 2))
-    A = np.block([[eye, sample_time * eye], [zero, eye]])
-    B = np.vstack((sample_time**2 / 2 * eye, sample_time * eye))
-    powers, lifts = [np.eye(4)], [np.zeros((4, 2 * horizon))]
-    for step in range(horizon):
-        powers.append(A @ powers[-1])
-        lift = A @ lifts[-1]
-        lift[:, 2 * step : 2 * step + 2] += B
-        lifts.append(lift)
-    return powers, lifts
+def _barrier_maps(prediction: Prediction, decay: float) -> tuple[list[Array], list[Array]]:
+    """What input and state do to p[l+1] - (1 - gamma) p[l], l = 0 .. H-1, along the prediction."""
+    powers, lifts, keep = prediction.powers, prediction.lifts, 1 - decay
+    stages = range(len(lifts) - 1)
+    return (
+        [(lifts[step + 1] - keep * lifts[step])[:2] for step in stages],
+        [(powers[step + 1] - keep * powers[step])[:2] for step in stages],
+    )

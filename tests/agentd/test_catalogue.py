@@ -89,21 +89,23 @@ def test_group_is_one_that_there_is(capsys: pytest.CaptureFixture[str]) -> None:
 @pytest.mark.usefixtures("_my_lab")
 def test_kinds_of_others_are_listed_and_those_that_fail_say_why(capsys: pytest.CaptureFixture[str]) -> None:
     text = listing(capsys, "plants")
+    width = max(map(len, known("plants")))
     assert (
-        "  airship      Lighter than air.\n"
+        f"  {'airship':<{width}}   Lighter than air.\n"
         "    mass: number > 0, required\n"
         "    drag: number, optional\n"
         "    size: list = [1.0, 2.0]\n"
         "    quiet: true or false = false\n"
         "    names: list of strings = ['a']\n"
         "    label: string = 'x'\n"
-        "  broken       cannot be used: broken: importing my_lab_broken failed:"
+        f"  {'broken':<{width}}   cannot be used: broken: importing my_lab_broken failed:"
         " ModuleNotFoundError: No module named 'no_such_driver'\n"
     ) in text
-    assert "  nameless     cannot be used: nameless: " in text
-    assert "  odd          cannot be used: Odd: type 'Missing' of size cannot be resolved: " in text
-    assert "  point_mass   Point mass whose acceleration is held constant" in text
+    assert f"  {'nameless':<{width}}   cannot be used: nameless: " in text
+    assert f"  {'odd':<{width}}   cannot be used: Odd: type 'Missing' of size cannot be resolved: " in text
+    assert f"  {'point_mass':<{width}}   Point mass whose acceleration is held constant" in text
     assert (
-        "  quitter      cannot be used: quitter: importing my_lab_quitter failed: SystemExit: no robot here\n" in text
-    )
-    assert "  silent       (undocumented)\n" in text
+        f"  {'quitter':<{width}}   cannot be used: quitter: importing my_lab_quitter failed:"
+        " SystemExit: no robot here\n"
+    ) in text
+    assert f"  {'silent':<{width}}   (undocumented)\n" in text

@@ -83,10 +83,10 @@ def test_plugins_of_others_are_not_run_for_their_defaults_unless_told(file: Path
 
 def test_what_all_agents_must_share_cannot_be_overridden_by_one() -> None:
     with pytest.raises(ConfigurationError) as caught:
-        load("position_swap", changes=["agents.2.problem.radii=[1.0, 1.0]", "agents.3.problem.input_weight=3.0"])
+        load("position_swap", changes=["agents.2.problem.radii=[1.0, 1.0]", "agents.3.problem.horizon=4"])
     assert caught.value.problems == (
         "agents.2.problem.radii: must be the same at every agent; set it in [problem]",
-        "agents.3.problem.input_weight: must be the same at every agent; set it in [problem]",
+        "agents.3.problem.horizon: must be the same at every agent; set it in [problem]",
     )
 
 

@@ -1,0 +1,53 @@
+"""A body that moves at the velocity it is told."""
+
+import numpy as np
+
+from dcf_zenoh.plant import Array, Plant, Setpoint, State, read_only
+
+
+class SingleIntegrator(Plant):
+    """Point whose velocity is what the setpoint asks for, at once and until the next one; in any number of dimensions.
+
+    It follows the setpoint's planned velocity and nothing else of it. In a receding horizon that is v_measured + a t_s,
+    the paper's reference for bodies that track velocity, with the velocity measured when the step began: so a setpoint
+    that acts late, or twice, asks for the same. A velocity above the limit keeps its direction. The motion is
+    integrated exactly.
+
+    Args:
+        start: Start position, shape (d,), in m. The body starts at rest.
+        speed_max: Bound on the length of the velocity, in m/s.
+
+    Raises:
+        ValueError: `speed_max` is not positive.
+    """
+
+    def __init__(self, start: Array, *, speed_max: float = 1.0) -> None:
+        if not speed_max > 0:
+            raise ValueError(f"speed_max must be positive, in m/s, not {speed_max}")
+        self._position = read_only(start)
+        self._velocity = read_only(np.zeros_like(self._position))
+        self._speed_max = speed_max
+        self._now = 0
+
+    def resume(self, state: State, now: int) -> None:
+        """Rest where `state` is."""
+        self._position, self._now = read_only(state.position), now
+        self._velocity = read_only(np.zeros_like(self._position))
+
+    def sense(self, now: int) -> State:
+        """Exact position and velocity at `now`."""
+        self._position = read_only(self._position + self._velocity * (max(0, now - self._now) * 1e-9))
+        self._now = max(now, self._now)
+        return State(self._position, self._velocity)
+
+    def act(self, setpoint: Setpoint, now: int) -> None:
+        """Move at the setpoint's velocity from `now` on; rest if it has no acceleration, which means hold."""
+        self.sense(now)
+        if setpoint.acceleration is None:
+            self._velocity = read_only(np.zeros_like(self._position))
+            return
+        velocity = setpoint.velocity
+        if velocity.shape != self._position.shape:
+            raise ValueError(f"a setpoint with {len(velocity)} velocities for a body of {len(self._position)}")
+        speed = float(np.linalg.norm(velocity))
+        self._velocity = read_only(velocity * min(1.0, self._speed_max / speed) if speed else velocity)

@@ -1,0 +1,140 @@
+"""A differential-drive robot whose look-ahead point is led through the plane."""
+
+from math import cos, pi, sin
+from typing import NamedTuple
+
+from dcf_zenoh.plant import Array, Plant, Setpoint, State, read_only
+
+
+class Pose(NamedTuple):
+    """Middle of the axle, in m, and heading, in rad, counter-clockwise from the x axis."""
+
+    x: float
+    y: float
+    heading: float
+
+    def after(self, speed: float, turn: float, duration: float) -> "Pose":
+        """The exact pose after `duration` (s) at constant `speed` (m/s) and `turn` rate (rad/s): an arc of a circle."""
+        half = turn * duration / 2
+        chord = speed * duration * (sin(half) / half if half else 1.0)
+        along = self.heading + half
+        return Pose(self.x + chord * cos(along), self.y + chord * sin(along), self.heading + 2 * half)
+
+
+class Unicycle(Plant):
+    """Differential-drive robot that rolls without slipping and leads a point ahead of its axle at the planned velocity.
+
+    The body cannot move sideways. The point p = (x, y) + l (cos heading, sin heading), l > 0, can: with the wheels'
+    mean speed v and turn rate w, its velocity is u = v (cos, sin) + l w (-sin, cos), which is solved for
+
+        v = u_x cos + u_y sin,    w = (u_y cos - u_x sin) / l.
+
+    The agents see p: it is what `start`, the targets, the state and the barriers of a problem mean. The middle of the
+    axle is l behind it, so two bodies can be nearer to each other than their points, by up to the sum of their l.
+
+    The robot computes its wheel speeds afresh every `control_period`, from the heading that it has then, and holds them
+    in between; that is integrated exactly, arc by arc. If a wheel would have to be faster than it can, both are slowed
+    down by one factor: the path keeps its curvature, and p its direction. It follows the setpoint's velocity alone, as
+    `SingleIntegrator` does.
+
+    Args:
+        start: Start of the look-ahead point, shape (2,), in m. The body starts at rest.
+        heading: At the start, in rad.
+        look_ahead: l, in m. The shorter, the nearer is p to the body and the faster must it turn.
+        wheel_radius: In m.
+        wheel_base: Distance of the wheels, in m.
+        wheel_speed_max: Bound on the angular speed of each wheel, in rad/s.
+        control_period: Of the robot's own computer, in s.
+
+    Raises:
+        ValueError: A length, speed or period is not positive, or `start` is not planar.
+
+    Source: Olfati-Saber, "Near-identity diffeomorphisms and exponential epsilon-tracking and epsilon-stabilization of
+    first-order nonholonomic SE(2) vehicles", ACC 2002, for the transformation. The defaults are the constants of the
+    Robotarium's simulator (robotarium_python_simulator, rps/robotarium_abc.py and its projection distance): 16 mm,
+    105 mm, 0.2 m/s on the straight, which is 12.5 rad/s, 33 ms, 50 mm.
+    """
+
+    def __init__(
+        self,
+        start: Array,
+        *,
+        heading: float = 0.0,
+        look_ahead: float = 0.05,
+        wheel_radius: float = 0.016,
+        wheel_base: float = 0.105,
+        wheel_speed_max: float = 12.5,
+        control_period: float = 0.033,
+    ) -> None:
+        for name, value in {
+            "look_ahead": look_ahead,
+            "wheel_radius": wheel_radius,
+            "wheel_base": wheel_base,
+            "wheel_speed_max": wheel_speed_max,
+            "control_period": control_period,
+        }.items():
+            if not value > 0:
+                raise ValueError(f"{name} must be positive, not {value}")
+        if len(start) != 2:
+            raise ValueError(f"start must be [x, y] in m, not {list(start)}")
+        self._look_ahead = look_ahead
+        self._rim_speed_max = wheel_radius * wheel_speed_max
+        self._half_base = wheel_base / 2
+        self._period = max(1, round(control_period * 1e9))
+        self._heading = heading % (2 * pi)
+        self._since = 0  # when the robot last computed its wheel speeds; its pose is of then
+        self._place(start, 0)
+
+    def resume(self, state: State, now: int) -> None:
+        """Rest with the look-ahead point where `state` has it, and the heading of the start: a state has none."""
+        self._place(state.position, now)
+
+    def sense(self, now: int) -> State:
+        """Exact position and velocity of the look-ahead point at `now`."""
+        pose = self.pose(now)
+        ahead, aside = cos(pose.heading), sin(pose.heading)
+        speed, across = self._speed, self._look_ahead * self._turn
+        return State(
+            read_only([pose.x + self._look_ahead * ahead, pose.y + self._look_ahead * aside]),
+            read_only([speed * ahead - across * aside, speed * aside + across * ahead]),
+        )
+
+    def act(self, setpoint: Setpoint, now: int) -> None:
+        """Lead the point at the setpoint's velocity from `now` on; stop if it has no acceleration, which means hold."""
+        self._pose, self._since = self.pose(now), max(now, self._since)
+        if setpoint.acceleration is None:
+            self._wanted = (0.0, 0.0)
+        elif setpoint.velocity.shape == (2,):
+            self._wanted = (float(setpoint.velocity[0]), float(setpoint.velocity[1]))
+        else:
+            raise ValueError(f"a setpoint with {len(setpoint.velocity)} velocities for a body in the plane")
+        self._turn_wheels()
+
+    def pose(self, now: int) -> Pose:
+        """Where the body is at `now`, which no agent is told."""
+        while self._since + self._period <= now:  # the robot's own computer
+            self._since, self._pose = self._since + self._period, self._driven(self._since + self._period)
+            self._turn_wheels()
+        return self._driven(now)
+
+    def _place(self, point: Array, now: int) -> None:
+        """Rest with the look-ahead point there."""
+        x, y = float(point[0]), float(point[1])
+        ahead = self._look_ahead
+        self._pose = Pose(x - ahead * cos(self._heading), y - ahead * sin(self._heading), self._heading)
+        self._wanted = (0.0, 0.0)
+        self._speed = self._turn = 0.0
+        self._since = now
+
+    def _driven(self, now: int) -> Pose:
+        return self._pose.after(self._speed, self._turn, max(0, now - self._since) * 1e-9)
+
+    def _turn_wheels(self) -> None:
+        """Speed and turn rate that lead the point as wanted, slowed down to what the faster wheel can do."""
+        ahead, aside = cos(self._pose.heading), sin(self._pose.heading)
+        wanted_x, wanted_y = self._wanted
+        speed = wanted_x * ahead + wanted_y * aside
+        turn = (wanted_y * ahead - wanted_x * aside) / self._look_ahead
+        fastest = abs(speed) + abs(turn) * self._half_base  # of left = v - w b / 2, right = v + w b / 2
+        slower = min(1.0, self._rim_speed_max / fastest) if fastest else 1.0
+        self._speed, self._turn = speed * slower, turn * slower
