@@ -1,12 +1,15 @@
 """What a plant is: the body an agent senses and acts on."""
 
 from abc import ABC, abstractmethod
+from collections.abc import Iterable
 from dataclasses import dataclass, field
+from typing import ClassVar, NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
+Pauses: TypeAlias = Iterable[float] | None
 
 
 def read_only(values: npt.ArrayLike) -> Array:
@@ -66,25 +69,73 @@ class Setpoint:
         return np.concatenate((self.position, self.velocity, acceleration))
 
 
+class Check(NamedTuple):
+    """One thing that was looked at before the take-off.
+
+    Attributes:
+        name: Such as 'battery'.
+        value: What was found, with its unit: '3.92 V'.
+        problem: What is wrong with it; empty if nothing is.
+    """
+
+    name: str
+    value: str
+    problem: str = ""
+
+
 class Plant(ABC):
     """The body of one agent, simulated or real.
 
     Time is an argument, in ns since the fleet's start: a simulated plant integrates itself up to `now`, real
     hardware ignores it. So one class serves both clocks, and a setpoint that arrives late acts late.
 
+    A flight has phases: `prepare`, `inspect`, `arm`, `take_off`, `settle`, `go_to_start`, then `start` and the steps of
+    the run, last `finish`. After each phase before the start the agents of a fleet wait for each other, and where one
+    of them raises an exception, nobody goes on. A phase that takes real time is a generator: it yields how long to
+    wait, in s, until it wants to look again, and the agent stays within reach meanwhile. A simulated plant leaves out
+    what it does not need, and what it does takes no time of the fleet.
+
     A constructor's positional parameters are filled in by name from what the framework knows of the agent:
     `agent` (id), `start` (position, shape (d,), m), `sample_time` (s), `rng` (numpy Generator, seeded from the
     fleet's seed and the agent's id). Its keyword-only parameters are the keys of its table in a fleet file.
+
+    Attributes:
+        real: It moves in the real world: a person has to agree to the take-off, and time is that of the wall clock.
+        landing_time: Longest time that `finish` takes, s.
+        own_keys: Keys of its table whose values no two agents may share.
     """
 
-    def prepare(self) -> None:
-        """Connect and check; nothing moves. Called once, before any other method."""
+    real: ClassVar[bool] = False
+    landing_time: ClassVar[float] = 0.0
+    own_keys: ClassVar[tuple[str, ...]] = ()
+
+    def prepare(self) -> Pauses:
+        """Connect; nothing moves. Called once, before any other method."""
+
+    def inspect(self) -> Pauses:
+        """Find out whether it can fly; nothing moves. What was found is told by `checks`."""
+
+    def checks(self) -> tuple[Check, ...]:
+        """What `inspect` has found. Where there is a problem, nobody takes off."""
+        return ()
+
+    def arm(self) -> Pauses:
+        """Make the motors ready to turn."""
+
+    def take_off(self) -> Pauses:
+        """Leave the ground."""
+
+    def settle(self) -> Pauses:
+        """Wait until it hovers still."""
+
+    def go_to_start(self) -> Pauses:
+        """Fly to the start position."""
 
     def start(self, now: int) -> None:
-        """Get ready to follow setpoints (take off, for a drone)."""
+        """Get ready to follow setpoints from `now` on, which is fleet time 0."""
 
     def resume(self, state: State, now: int) -> None:  # noqa: ARG002
-        """Take over in the middle of a run, in place of `start`: the agent died, and its daemon was started again.
+        """Take over in the middle of a run, in place of all phases but `prepare`: the daemon was started again.
 
         A simulated plant goes on from the last `state` that is known, and comes to rest; a real one senses where it is.
         """
@@ -98,8 +149,11 @@ class Plant(ABC):
     def act(self, setpoint: Setpoint, now: int) -> None:
         """Follow `setpoint` from `now` on."""
 
-    def finish(self, now: int, reason: str) -> None:
-        """Come to rest (land, for a drone), because of `reason`."""
+    def finish(self, now: int, reason: str) -> Pauses:
+        """Come to rest (land, for a drone), because of `reason`.
+
+        Called at the end of every run, however it ends, if `arm` was called before. Safe to call where it has landed.
+        """
 
     def close(self) -> None:
         """Release what `prepare` took. Safe to call twice, and after a failed `prepare`."""
