@@ -73,8 +73,10 @@ def _parser() -> argparse.ArgumentParser:
         return sub
 
     fleet, results = _fleet_options(), _result_options()
-    command("launch", commands.launch, "run a fleet as one daemon per agent on this machine", fleet, results)
+    launch = command("launch", commands.launch, "run a fleet as one daemon per agent on this machine", fleet, results)
     run = command("run", commands.run, "run one agent of a fleet: one daemon", fleet)
+    for each in (launch, run):
+        each.add_argument("--yes", action="store_true", help="real bodies may take off without a key press")
     run.add_argument("--id", type=int, required=True, metavar="N", help="which agent")
     run.add_argument("--out", type=Path, metavar="DIR", help="run directory (default: runs/FLEET)")
     run.add_argument("--run", metavar="NAME", help="name of the run, the same for all its agents (default: manual)")
@@ -100,6 +102,12 @@ def _parser() -> argparse.ArgumentParser:
     fault.add_argument("--from", dest="senders", metavar="I[,J]", help="sending agents (default: all)")
     fault.add_argument("--to", dest="receivers", metavar="J[,K]", help="receiving agents (default: all)")
     fault.add_argument("words", nargs="+", metavar="WORD", help="NAME [VALUE] [KEY=VALUE ...], clear, show or export")
+    for name, function, help in (
+        ("land", commands.land, "land all agents of a run, and end it"),
+        ("stop", commands.stop, "emergency stop: all motors of a run off at once"),
+    ):
+        end = command(name, function, help)
+        end.add_argument("run", metavar="RUN", help="run directory, or name of a fleet: its newest run below runs/")
     rerun = command("rerun", commands.rerun, "repeat a run and compare", results)
     rerun.add_argument("run", type=Path, metavar="RUN")
     diff = command("diff", commands.diff, "compare two runs")

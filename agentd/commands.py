@@ -12,7 +12,7 @@ from rich.console import Console
 from agentd.progress import Progress
 from agentd.rundir import check_unused, default_endpoints, new_run_folder, read_about, write_about
 from dcf_zenoh.config import LoadedFleet, load, to_toml
-from dcf_zenoh.errors import ConfigurationError, DcfError, RecordingError
+from dcf_zenoh.errors import ConfigurationError, DcfError, Landed, RecordingError
 from dcf_zenoh.plugins import GROUPS
 from dcf_zenoh.run import Run
 
@@ -67,6 +67,7 @@ def run(options: Namespace) -> int:
         endpoints=endpoints or default_endpoints(fleet.spec),
         rejoin=options.rejoin,
         status=status,
+        agreed=options.yes,
     )
     run_agent(fleet, task)
     return 0
@@ -146,6 +147,27 @@ def fault(options: Namespace) -> int:
     from agentd.fault import fault as change_fault  # noqa: PLC0415 - Zenoh is for those who need it
 
     return change_fault(options.run, options.senders, options.receivers, options.words)
+
+
+def land(options: Namespace) -> int:
+    """Land all agents of RUN where they are, and end the run. They answer when they have heard it.
+
+    In the terminal of `agentd launch` the key l does the same.
+    """
+    from agentd.order import order  # noqa: PLC0415 - Zenoh is for those who need it
+
+    return order(options.run, "land")
+
+
+def stop(options: Namespace) -> int:
+    """Emergency stop: all motors of RUN off at once, wherever the bodies are. They fall.
+
+    It does not go through the control loop, so it also works where an algorithm hangs; such an agent cannot answer.
+    In the terminal of `agentd launch` the key x does the same.
+    """
+    from agentd.order import order  # noqa: PLC0415 - Zenoh is for those who need it
+
+    return order(options.run, "stop")
 
 
 def rerun(options: Namespace) -> int:
@@ -247,7 +269,7 @@ def _launch(fleet: LoadedFleet, folder: Path, options: Namespace) -> None:
     failure: DcfError | None = None
     with Progress(fleet.spec, quiet=options.json) as progress:
         try:
-            launch_fleet(fleet, folder, progress.show, progress.say)
+            launch_fleet(fleet, folder, progress.show, progress.say, yes=options.yes)
         except DcfError as error:
             failure = error
     try:
@@ -264,7 +286,10 @@ def _simulate(fleet: LoadedFleet, folder: Path, options: Namespace) -> None:
     from dcf_zenoh.simulation import simulate as simulate_fleet  # noqa: PLC0415
 
     write_about(folder, {"fleet": fleet.spec.name, "run": folder.resolve().name, "source": fleet.source})
-    _finish(simulate_fleet(fleet, out=folder), options)
+    found = simulate_fleet(fleet, out=folder)
+    _finish(found, options)
+    if landed := [log.end["remark"] for log in found.agents.values() if log.end and log.end["end"] == "landed"]:
+        raise Landed("\n".join(landed))
 
 
 def _load(options: Namespace, *, run_plugins: bool = True) -> LoadedFleet:

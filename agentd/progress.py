@@ -64,7 +64,9 @@ class Progress:
             table.add_column(heading, justify="right")
         for agent, entry in status.items():
             position = ", ".join(f"{value:+.2f}" for value in entry.get("position", ()))
-            step = f"{entry['step'] + 1} / {self._fleet.steps}" if "step" in entry else "getting ready"
+            phase = str(entry.get("phase", "")).replace("_", " ")
+            step = f"{entry['step'] + 1} / {self._fleet.steps}" if "step" in entry else f"getting ready: {phase}"
+            step = "lands" if phase == "land" else step
             remark = str(entry.get("remark", ""))
             table.add_row(str(agent), step, str(entry.get("rounds", "")), str(entry.get("late", "")), position, remark)
         return table

@@ -7,7 +7,7 @@ from typing import Any, BinaryIO, NamedTuple, cast
 
 import numpy as np
 
-from dcf_zenoh.agent import Agent
+from dcf_zenoh.agent import Agent, Ending
 from dcf_zenoh.algorithms.algorithm import Me
 from dcf_zenoh.config import LoadedFleet, graph_of, weights_of
 from dcf_zenoh.configuration.fault_links import links_to, margin_of, needs_positions
@@ -15,9 +15,9 @@ from dcf_zenoh.controllers.controller import Controller
 from dcf_zenoh.exchange import Exchange
 from dcf_zenoh.fate import Fate
 from dcf_zenoh.faults.link import Link
+from dcf_zenoh.flight import first_number
 from dcf_zenoh.graph import Graph, Neighbourhood
 from dcf_zenoh.messaging.mailbox import Mailbox
-from dcf_zenoh.messaging.message import Last
 from dcf_zenoh.plant import Array, NoPlant, Plant, State, read_only
 from dcf_zenoh.plugins import accepted, bind, create, load
 from dcf_zenoh.reception import Reception
@@ -46,7 +46,7 @@ class AgentParts:
 
     Attributes:
         id: Of the agent.
-        plant: Its body; the owner calls `prepare` before the loop starts and `close` at the end.
+        plant: Its body; the owner calls `close` at the end.
         mailbox: Where a runner puts what arrives.
         links: Neighbour -> the faults of the link from it, of the links that have any.
         exchange: Its rounds; after a failure it has the goodbye.
@@ -60,7 +60,7 @@ class AgentParts:
     links: dict[int, Link]
     exchange: Exchange
     recorder: Recorder
-    loop: Loop[Last]
+    loop: Loop[Ending]
 
 
 @dataclass(frozen=True)
@@ -130,10 +130,11 @@ class Blueprint:
             return cast(Controller, create(kind, context, control.options, "controller"))
 
         virtual = spec.time.clock == "virtual"
-        mailbox = Mailbox(hood.receives_from, under_way=last_life is not None)
+        first = first_number(hood.diameter)
+        mailbox = Mailbox(hood.receives_from, first=None if last_life else first)
         links = links_to(spec, folder, self.graph, agent)
         rounds = spec.exchange.model_copy(update={"margin": margin_of(spec, folder)})
-        transmission = Transmission(agent, last_life.incarnation if last_life else 0)
+        transmission = Transmission(agent, last_life.incarnation, 0) if last_life else Transmission(agent, 0, first)
         reception = Reception(
             mailbox, links, hold=rounds.missing == "hold", silent_after=rounds.silent_after, watch=not virtual
         )
@@ -150,7 +151,7 @@ class Blueprint:
             rhythm=_rhythm(spec, agent) if rounds.mode == "asynchronous" else None,
             slowness=fate.slowness,
             virtual=virtual,
-            tells_position=needs_positions(spec, folder),
+            tells_position=spec.safety.separation is not None or needs_positions(spec, folder),
         )
         header = {"fleet": spec.name, "seed": spec.seed, "clock": spec.time.clock, **about}
         recorder = Recorder(stream, agent, header, observe)

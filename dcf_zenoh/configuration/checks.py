@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from dcf_zenoh.configuration.absence_checks import check_agents
+from dcf_zenoh.configuration.body_checks import check_arena, check_body
 from dcf_zenoh.configuration.drawing import draw, weights_of
 from dcf_zenoh.configuration.fault_checks import check_links
 from dcf_zenoh.configuration.shelf import Shelf
@@ -28,6 +29,7 @@ def check(spec: FleetSpec, folder: Path, problems: Problems, notes: list[str], *
     """
     _check_plant_names(spec, problems)
     _check_starts(spec, problems)
+    check_arena(spec, problems)
     check_time(spec, problems, notes)
     check_rhythm(spec, problems, notes)
     _check_endpoints(spec, problems)
@@ -129,6 +131,8 @@ def _check_plants(spec: FleetSpec, shelf: Shelf) -> None:
 
         schema = shelf.schema("plants", kind.kind, f"plants.{name}", used=bool(users))
         _check_overridden(shelf, schema, kind, f"plants.{name}", overrides=overrides, users=users, key=key)
+        if users and schema and (plugin := shelf.plugin("plants", kind.kind)):
+            check_body(plugin, spec, shelf.problems, name, users)
 
 
 def _check_overridden(
