@@ -12,7 +12,7 @@ from types import FrameType
 from typing import Any, TypeAlias
 
 from agentd.child import Daemon, spawn
-from agentd.exit_codes import NEIGHBOUR_LOST
+from agentd.exit_codes import NEIGHBOUR_LOST, STOPPED
 from agentd.keys import listen
 from agentd.operators import in_foreground
 from agentd.pilot import Pilot
@@ -163,7 +163,7 @@ def _supervise(
                     daemon.status = {**daemon.status, "ended": True}
                     text = f"agent {daemon.agent} {_death(daemon, now - began)}"
                     problems.add(text, effect=code == NEIGHBOUR_LOST)
-                if not (code and patient):
+                if not (code and patient) or code == STOPPED:
                     give_up = min(give_up, now + (reaction if code else LINGER))
         pilot.look()
         if now - shown >= 0.1:

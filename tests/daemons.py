@@ -66,18 +66,22 @@ class Launch:
         folder: Run directory; standard output and error of the launcher go beside it.
         changes: Each for ``--set``.
         before: Python that runs first in the launcher's process.
+        yes: Real bodies may take off.
     """
 
-    def __init__(self, fleet: Path | str, folder: Path, *changes: str, before: str = "") -> None:
+    def __init__(self, fleet: Path | str, folder: Path, *changes: str, before: str = "", yes: bool = False) -> None:
         self.folder = folder
         start = ["-c", f"{before}\nimport sys; from agentd.cli import main; sys.exit(main())"]
-        options = [word for change in changes for word in ("--set", change)]
+        options = [word for change in changes for word in ("--set", change)] + ["--yes"] * yes
         command = [sys.executable, *(start if before else ["-m", "agentd"]), "launch", str(fleet), *options]
         folder.parent.mkdir(parents=True, exist_ok=True)
         self._out, self._err = folder.with_suffix(".out"), folder.with_suffix(".err")
         with self._out.open("w") as out, self._err.open("w") as err:
             self.process = subprocess.Popen(
-                [*command, "--out", str(folder), "--json", "--no-report"], stdout=out, stderr=err
+                [*command, "--out", str(folder), "--json", "--no-report"],
+                stdin=subprocess.DEVNULL,
+                stdout=out,
+                stderr=err,
             )
 
     def __enter__(self) -> Self:

@@ -47,6 +47,7 @@ def test_speed_of_the_body_is_watched_unless_it_is_clipped() -> None:
 def test_acceleration_is_cut_down_to_its_limit_and_keeps_its_direction() -> None:
     watch = supervisor(acceleration={"max": 2.5})
     cut, alarms = watch.setpoint(setpoint(3.0, -4.0), state(0.0, 0.0))
+    assert cut.acceleration is not None
     np.testing.assert_allclose(cut.acceleration, [1.5, -2.0])
     assert alarms == [("acceleration", "clip", "commanded acceleration is 5.00 m/s², at most 2.5 m/s² is allowed")]
     same, alarms = watch.setpoint(setpoint(1.5, -2.0), state(0.0, 0.0))
@@ -91,7 +92,9 @@ def test_steps_are_late_in_a_row_only_without_one_in_time_between() -> None:
 def test_lost_neighbour_is_noted_where_the_others_go_on() -> None:
     assert supervisor().neighbours([]) == []
     for then, what in {"land": "land", "hold": "hold", "stop": "stop", "continue": "log"}.items():
-        (alarm,) = supervisor(neighbour_silent={"then": then}).neighbours(["neighbour 1 is lost", "neighbour 2 is lost"])
+        (alarm,) = supervisor(neighbour_silent={"then": then}).neighbours(
+            ["neighbour 1 is lost", "neighbour 2 is lost"]
+        )
         assert alarm == ("neighbour_silent", what, "neighbour 1 is lost; neighbour 2 is lost")
 
 
