@@ -85,6 +85,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     run.add_argument("--supervised", action="store_true", help=argparse.SUPPRESS)
     command("simulate", commands.simulate, "run a fleet in this process, in virtual time", fleet, results)
+    command("preflight", commands.preflight, "connect to the bodies of a fleet and say what shape they are in", fleet)
     check = command("check", commands.check, "check a fleet file and print it with all defaults", fleet)
     check.add_argument("--load", action="store_true", help="also run the code of plug-ins, to check their types")
     plugins = command("plugins", commands.plugins, "list all kinds that a fleet file can name, with their keys")

@@ -149,6 +149,26 @@ def fault(options: Namespace) -> int:
     return change_fault(options.run, options.senders, options.receivers, options.words)
 
 
+def preflight(options: Namespace) -> int:
+    """Connect to the bodies of FLEET and say what shape they are in. Nothing moves.
+
+    For Crazyflies: battery, link quality, base stations, variance of the estimate, heading, distance from the start.
+    The exit code is 1 if one of them could not fly.
+    """
+    from agentd.preflight import inspect, table  # noqa: PLC0415
+
+    options.clock = options.clock or "wall"
+    fleet = _load(options)
+    found = inspect(fleet)
+    console = Console(file=options.output)
+    console = console if console.is_terminal else Console(file=options.output, width=WIDE)
+    console.print(table(fleet.spec.name, found), highlight=False)
+    problems = [line for each in found for line in each.problems]
+    for line in problems:
+        print(f"agentd: {line}", file=sys.stderr)
+    return 1 if problems else 0
+
+
 def land(options: Namespace) -> int:
     """Land all agents of RUN where they are, and end the run. They answer when they have heard it.
 
@@ -288,7 +308,7 @@ def _simulate(fleet: LoadedFleet, folder: Path, options: Namespace) -> None:
     write_about(folder, {"fleet": fleet.spec.name, "run": folder.resolve().name, "source": fleet.source})
     found = simulate_fleet(fleet, out=folder)
     _finish(found, options)
-    if landed := [log.end["remark"] for log in found.agents.values() if log.end and log.end["end"] == "landed"]:
+    if landed := [log.landed for log in found.agents.values() if log.landed]:
         raise Landed("\n".join(landed))
 
 

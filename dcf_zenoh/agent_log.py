@@ -78,6 +78,11 @@ class AgentLog:
         return self.acted - self.sensed
 
     @property
+    def landed(self) -> str:
+        """Why the agent ended its flight before its time; empty if it did not."""
+        return str(self.end["remark"]) if self.end and self.end["end"] == "landed" else ""
+
+    @property
     def path(self) -> Array:
         """Positions, the last one included where the log ends with a state, shape (K or K+1, d), m."""
         last = [] if self.end is None else self.end["state"]  # empty too after a failure

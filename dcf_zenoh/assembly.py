@@ -105,22 +105,13 @@ class Blueprint:
         own = spec.agent(agent)
         hood = self.hood(agent)
         me = Me(agent, spec.ids, hood, np.random.Generator(np.random.Philox([spec.seed, agent])))
-        known: dict[str, Any] = {
-            "agent": agent,
-            "agents": spec.ids,
-            "sample_time": spec.time.sample_time,
-            "start": read_only(own.start),
-            "rng": np.random.Generator(np.random.Philox([spec.seed, agent, 1])),
-        }
+        known = self._known(agent)
         where = f"agents.{agent}"
         poser = load("problems", own.problem.kind, folder)
         nominal = {"nominal": accepted(poser).complete(spec.problem.options)}
         problem = create(poser, known | nominal, own.problem.options, f"{where}: problem")
         algorithm = bind(load("algorithms", spec.algorithm.kind, folder), spec.algorithm.options, "algorithm")
-        plant: Plant = NoPlant()
-        if own.plant is not None:
-            kind = load("plants", own.plant.kind, folder)
-            plant = cast(Plant, create(kind, known, own.plant.options, f"{where}: plant"))
+        plant = self.plant(agent)
         control = spec.controller_kind
 
         def renew() -> Controller:
@@ -158,6 +149,29 @@ class Blueprint:
         distance: Callable[[State], float] = getattr(problem, "distance_to_go", lambda _state: 0.0)
         life = Agent(spec, me, plant, renew, exchange, recorder, distance, fate, last_life.state if last_life else None)
         return AgentParts(agent, plant, mailbox, links, exchange, recorder, life.run())
+
+    def plant(self, agent: int) -> Plant:
+        """The body of one agent.
+
+        Raises:
+            PluginError: Its constructor refused its options.
+        """
+        own = self.fleet.spec.agent(agent).plant
+        if own is None:
+            return NoPlant()
+        kind = load("plants", own.kind, self.fleet.folder)
+        return cast(Plant, create(kind, self._known(agent), own.options, f"agents.{agent}: plant"))
+
+    def _known(self, agent: int) -> dict[str, Any]:
+        """What plug-ins may ask of the framework, by name."""
+        spec = self.fleet.spec
+        return {
+            "agent": agent,
+            "agents": spec.ids,
+            "sample_time": spec.time.sample_time,
+            "start": read_only(spec.agent(agent).start),
+            "rng": np.random.Generator(np.random.Philox([spec.seed, agent, 1])),
+        }
 
 
 def _rhythm(spec: FleetSpec, agent: int) -> Rhythm:
