@@ -14,9 +14,11 @@ from dcf_zenoh.errors import PlantError
 from dcf_zenoh.plant import Array, Check, Plant, Setpoint, State
 from plants.crazyflie_bounds import HEIGHT, Bounds, check_range
 from plants.crazyflie_connecting import connect
+from plants.crazyflie_geometry import install
 from plants.crazyflie_inspection import inspect
 from plants.crazyflie_link import LOOK, Link
 from plants.crazyflie_pilot import Pilot
+from plants.crazyflie_pose import Pose
 from plants.crazyflie_stream import Point
 from plants.crazyflie_uri import check_uri
 from plants.crazyflie_vitals import ARMED, Vitals
@@ -67,6 +69,11 @@ class CrazyflieHardware(Plant):
         connect_timeout: Longest time to connect, in s.
         retries: How often that is tried again.
         cache: Folder for the drone's tables; that of the user's caches.
+        geometry: File with the poses of Lighthouse's base stations, which the drone is made to know; by default it
+            keeps what it has.
+        pose: Key of Zenoh on which another system publishes where the drone is, see `Pose`; ``{agent}`` stands for the
+            id. By default the drone measures that itself.
+        pose_endpoint: Where that system is to be reached, such as "tcp/192.168.1.5:7447".
 
     Raises:
         ValueError: An option is out of its range; the message says which.
@@ -98,6 +105,9 @@ class CrazyflieHardware(Plant):
         connect_timeout: float = 30.0,
         retries: int = 5,
         cache: str = "",
+        geometry: str = "",
+        pose: str = "",
+        pose_endpoint: str = "",
     ) -> None:
         check_uri(uri)
         if len(start) not in (2, 3):
@@ -124,6 +134,8 @@ class CrazyflieHardware(Plant):
         self._placed = begin == "placed"
         self._patience = (connect_timeout, retries)
         self._cache = Path(cache).expanduser() if cache else _default_cache()
+        self._geometry = Path(geometry).expanduser() if geometry else None
+        self._pose = Pose(pose.replace("{agent}", str(agent)), pose_endpoint) if pose else None
         self._craft: Craft | None = None
         self._checks: tuple[Check, ...] = ()
         self._velocity_reference: Array | None = None
@@ -137,9 +149,11 @@ class CrazyflieHardware(Plant):
         """
         timeout, retries = self._patience
         with self._blamed():
+            if self._pose is not None:
+                self._pose.open()
             link = yield from connect(self._uri, self._cache, timeout=timeout, retries=retries)
             vitals = Vitals(link)
-            self._craft = Craft(link, vitals, Pilot(link, vitals, self._bounds))
+            self._craft = Craft(link, vitals, Pilot(link, vitals, self._bounds, self._pose))
             yield from vitals.listen()
             self._craft.pilot.start()
 
@@ -149,15 +163,12 @@ class CrazyflieHardware(Plant):
         Raises:
             PlantError: The drone does not answer.
         """
-        craft = self._connected()
+        link, vitals, pilot = self._connected()
         with self._blamed():
+            if self._geometry is not None:
+                yield from install(link, self._geometry)
             self._checks = yield from inspect(
-                craft.link,
-                craft.vitals,
-                self._bounds,
-                self._start,
-                placed=self._placed,
-                left_flying=craft.pilot.airborne,
+                link, vitals, self._bounds, self._start, self._pose, placed=self._placed, left_flying=pilot.airborne
             )
 
     def checks(self) -> tuple[Check, ...]:
@@ -272,36 +283,46 @@ class CrazyflieHardware(Plant):
         Raises:
             PlantError: It was not seen to land; the message says why.
         """
-        if self._craft is None:
-            return
-        link, _, pilot = self._craft
-        with self._blamed():
-            for pause in pilot.land():
-                if pilot.airborne and link.lost:
-                    break
-                yield pause
-            if pilot.airborne:
-                raise PlantError(pilot.failure or f"it was not seen to land: {link.lost or 'no reason is known'}")
+        if self._craft is not None:
+            with self._blamed():
+                yield from self._land(self._craft)
 
     def close(self) -> None:
         """Land, if it is in the air and can be reached; then release the link."""
-        if self._craft is None:
-            return
-        link, _, pilot = self._craft
-        try:
-            if pilot.airborne and not link.lost:
-                for pause in self.finish(0, "closed"):
-                    time.sleep(pause)
-            pilot.end()
-            link.close()
-        except PlantError as error:  # there is nobody left who could do anything about it
-            log.error("%s", error)
-        self._craft = None
+        craft, self._craft = self._craft, None
+        if craft is not None:
+            try:
+                self._release(craft)
+            except PlantError as error:  # there is nobody left who could do anything about it
+                log.error("%s: %s", self._name, error)
+        if self._pose is not None:
+            self._pose.close()
 
     def emergency_stop(self) -> None:
         """Stop the motors, from any thread; it falls, and has to be restarted."""
         if self._craft is not None:
             self._craft.pilot.stop()
+
+    def _release(self, craft: Craft) -> None:
+        if craft.pilot.airborne and not craft.link.lost:
+            for pause in self._land(craft):
+                time.sleep(pause)
+        craft.pilot.end()
+        craft.link.close()
+
+    def _land(self, craft: Craft) -> Iterator[float]:
+        """Land; pauses, in s, until it stands.
+
+        Raises:
+            PlantError: It was not seen to land.
+        """
+        link, _, pilot = craft
+        for pause in pilot.land():
+            if pilot.airborne and link.lost:
+                break
+            yield pause
+        if pilot.airborne:
+            raise PlantError(pilot.failure or f"it was not seen to land: {link.lost or 'no reason is known'}")
 
     def _velocity(self, setpoint: Setpoint) -> Array:
         """The velocity that `setpoint` leads to within one sample, in as many dimensions as it has."""

@@ -10,8 +10,10 @@ import numpy as np
 from dcf_zenoh.plant import Check
 from plants.crazyflie_bounds import Bounds
 from plants.crazyflie_link import LOOK, Link
+from plants.crazyflie_pose import Pose
 from plants.crazyflie_stream import Point
-from plants.crazyflie_vitals import ARMED, CAN_BE_ARMED, CRASHED, LOCKED, TUMBLED, Health, Motion, Vitals
+from plants.crazyflie_vitals import ARMED, CAN_BE_ARMED, Health, Motion, Vitals
+from plants.crazyflie_watch import POSE_AGE_MAX, STOPS
 
 KALMAN = 2
 RESETTING = 0.1  # s between the two words that start the estimator anew
@@ -28,7 +30,7 @@ DECKS = {"deck.bcLighthouse4": "Lighthouse", "deck.bcLoco": "Loco", "deck.bcDWM1
 
 
 def inspect(
-    link: Link, vitals: Vitals, bounds: Bounds, start: Point, *, placed: bool, left_flying: bool
+    link: Link, vitals: Vitals, bounds: Bounds, start: Point, pose: Pose | None, *, placed: bool, left_flying: bool
 ) -> Generator[float, None, tuple[Check, ...]]:
     """Start the estimator anew and look at everything; pauses, in s, until that is done.
 
@@ -37,6 +39,7 @@ def inspect(
         vitals: What the drone tells.
         bounds: What the flight keeps to.
         start: Where it shall be before the first step.
+        pose: What measures its position, if it does not do that itself.
         placed: It has to stand there already.
         left_flying: It is in the air, from before.
 
@@ -55,7 +58,7 @@ def inspect(
     return (
         _battery(health, bounds),
         _link(vitals.share, round_trip),
-        _localisation(decks, health),
+        _localisation(decks, health) if pose is None else _outside(pose),
         _estimator(health),
         Check("heading", f"{math.degrees(motion.yaw):.0f} deg"),
         _place(motion, start, placed=placed),
@@ -119,6 +122,12 @@ def _localisation(decks: list[str], health: Health) -> Check:
     return Check("base stations", seen, problem)
 
 
+def _outside(pose: Pose) -> Check:
+    value = f"pose {pose.age * 1e3:.0f} ms old" if math.isfinite(pose.age) else "no pose"
+    late = f"at most {POSE_AGE_MAX:g} s is allowed" if pose.age > POSE_AGE_MAX else ""
+    return Check("localisation", value, "; ".join(filter(None, (pose.problem, late))))
+
+
 def _estimator(health: Health) -> Check:
     variance = float(health.variance.max())
     unsure = f"at most {VARIANCE_MAX:g} m² is allowed" if not variance < VARIANCE_MAX else ""
@@ -137,7 +146,7 @@ def _place(motion: Motion, start: Point, *, placed: bool) -> Check:
 
 
 def _supervisor(health: Health, *, left_flying: bool) -> Check:
-    for bit, word in ((LOCKED, "locked"), (TUMBLED, "tumbled"), (CRASHED, "crashed")):
+    for bit, word in STOPS.items():
         if health.has(bit):
             return Check("supervisor", word, "set it upright and restart it")
     if left_flying:

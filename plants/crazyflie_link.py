@@ -39,6 +39,7 @@ class Link:
         commander: Low-level setpoints (cflib's `Commander`).
         high_level: Take-off, going to a point, landing (cflib's `HighLevelCommander`).
         platform: What cflib's commanders ask for the version of the protocol.
+        crazyflie: cflib's own object, for what needs more than packets. Its `send_packet` may wait for ever.
     """
 
     def __init__(self, uri: str, cache: Path) -> None:
@@ -53,7 +54,8 @@ class Link:
         self._connected = False
         self._failure = ""
         self._answers: dict[tuple[int, int, bytes], tuple[float, bytes]] = {}
-        self._crazyflie = crazyflie = Crazyflie(rw_cache=str(cache))
+        self.crazyflie: Any = Crazyflie(rw_cache=str(cache))
+        crazyflie = self.crazyflie
         self.platform: Any = crazyflie.platform
         self.commander: Any = Commander(self)
         self.high_level: Any = HighLevelCommander(self)
@@ -91,7 +93,7 @@ class Link:
             deadline: By the monotonic clock, in s.
         """
         self._heard = began = time.monotonic()
-        opening = threading.Thread(target=self._crazyflie.open_link, args=(self._uri,), name="open-link", daemon=True)
+        opening = threading.Thread(target=self.crazyflie.open_link, args=(self._uri,), name="open-link", daemon=True)
         opening.start()  # in a thread, for TCP connects with a time-out of minutes
         while not self._connected:
             if self._failure:
@@ -102,7 +104,7 @@ class Link:
             if self.silence > STALL:
                 return f"no answer for {STALL:g} s"
             yield LOOK
-        yield from patiently(self._crazyflie.link_statistics.latency.stop, CLOSING, "ending cflib's pings")
+        yield from patiently(self.crazyflie.link_statistics.latency.stop, CLOSING, "ending cflib's pings")
         return (
             "" if self.protocol >= PROTOCOL_MIN else f"its firmware speaks protocol {self.protocol}, which is too old"
         )
@@ -114,15 +116,15 @@ class Link:
 
     def discard(self) -> None:
         """The same, but it may block for ever."""
-        driver, self._crazyflie.link = self._crazyflie.link, None
+        driver, self.crazyflie.link = self.crazyflie.link, None
         self._failure = self._failure or "closed"
         if driver is not None:
             driver.close()
-        self._crazyflie.close_link()
+        self.crazyflie.close_link()
 
     def send_packet(self, packet: Any) -> None:
         """Send a packet of cflib's. The radio's queue is short: if it is full, that takes up to 2 s."""
-        driver = self._crazyflie.link
+        driver = self.crazyflie.link
         if driver is None or self._failure:
             return
         try:
@@ -153,11 +155,11 @@ class Link:
 
     def has_variable(self, name: str) -> bool:
         """Whether the drone can log ``group.name``."""
-        return self._crazyflie.log.toc.get_element_by_complete_name(name) is not None
+        return self.crazyflie.log.toc.get_element_by_complete_name(name) is not None
 
     def has_parameter(self, name: str) -> bool:
         """Whether the drone has a parameter ``group.name``."""
-        return self._crazyflie.param.toc.get_element_by_complete_name(name) is not None
+        return self.crazyflie.param.toc.get_element_by_complete_name(name) is not None
 
     def subscribe(
         self, name: str, variables: Mapping[str, str], period: int, receive: Callable[[int, dict[str, float]], None]
@@ -179,7 +181,7 @@ class Link:
         for variable, kind in variables.items():
             block.add_variable(variable, kind)
         block.data_received_cb.add_callback(lambda instant, values, _block: receive(instant, values))
-        yield from patiently(lambda: self._crazyflie.log.add_config(block), CLOSING, f"log block {name}")
+        yield from patiently(lambda: self.crazyflie.log.add_config(block), CLOSING, f"log block {name}")
         yield from patiently(block.start, CLOSING, f"log block {name}")
 
     def read(self, name: str, within: float = 2.0) -> Generator[float, None, float]:
@@ -218,7 +220,7 @@ class Link:
         return came - sent
 
     def _parameter(self, name: str) -> Any:
-        element = self._crazyflie.param.toc.get_element_by_complete_name(name)
+        element = self.crazyflie.param.toc.get_element_by_complete_name(name)
         if element is None:
             raise PlantError(f"{self._uri}: its firmware has no parameter {name}")
         return element
@@ -247,13 +249,13 @@ class Link:
             data = bytes(packet.data)
             self._answers[port, channel, data[:size]] = time.monotonic(), data
 
-        self._crazyflie.add_header_callback(receive, port, channel)
+        self.crazyflie.add_header_callback(receive, port, channel)
 
     def _on_packet(self, _packet: object) -> None:
         self._heard = time.monotonic()
 
     def _on_first_packet(self, _uri: str) -> None:
-        if not is_wireless(self._uri) and (driver := self._crazyflie.link) is not None:
+        if not is_wireless(self._uri) and (driver := self.crazyflie.link) is not None:
             driver.needs_resending = True  # then cflib asks again for what did not come; otherwise it waits for ever
 
     def _on_connected(self, _uri: str) -> None:

@@ -11,6 +11,7 @@ import numpy as np
 from dcf_zenoh.errors import PlantError
 from plants.crazyflie_bounds import Bounds, allowed_height
 from plants.crazyflie_link import LOOK, Link
+from plants.crazyflie_pose import Pose
 from plants.crazyflie_stream import Point, Stream
 from plants.crazyflie_vitals import ARMED, FLYING, Motion, Vitals
 from plants.crazyflie_watch import HEALTH_AGE_MAX, Watch
@@ -46,23 +47,25 @@ class Pilot:
         link: To the drone.
         vitals: What the drone tells.
         bounds: What the flight keeps to.
+        pose: What measures its position, if it does not do that itself; the pilot hands it on.
 
     Attributes:
         stream: What the drone is told in between manoeuvres.
         failure: What went wrong; empty if nothing did.
         airborne: It is in the air, as far as one knows.
-        ground: Height at which it stood, in m.
+        ground: Height at which it stood when it took off, in m.
     """
 
-    def __init__(self, link: Link, vitals: Vitals, bounds: Bounds) -> None:
+    def __init__(self, link: Link, vitals: Vitals, bounds: Bounds, pose: Pose | None = None) -> None:
         self._link = link
         self._vitals = vitals
         self._bounds = bounds
+        self._pose = pose
         self.stream = Stream(link, vitals, bounds)
         self.failure = ""
         self.airborne = False
         self.ground = 0.0
-        self._watch = Watch(link, vitals, self.stream, bounds)
+        self._watch = Watch(link, vitals, self.stream, bounds, pose)
         self._lock = threading.Lock()  # guards _rank, _activity and _done, which change together, from any thread
         self._rank = FLY
         self._activity: Iterator[None] = iter(())
@@ -72,9 +75,7 @@ class Pilot:
 
     def start(self) -> None:
         """Begin to watch. The drone stands, or hovers where somebody left it."""
-        height = float(self._vitals.motion.position[2])
-        self.airborne = self._vitals.health.has(FLYING) and height > REACHED
-        self.ground = 0.0 if self.airborne else height
+        self.airborne = self._vitals.health.has(FLYING) and self._height > REACHED
         self.stream.halt()
         self._thread.start()
 
@@ -135,6 +136,8 @@ class Pilot:
         while not self._ended.wait(max(0.0, due - time.monotonic())):
             due = max(due + period, time.monotonic())
             try:
+                if self._pose is not None:
+                    self._pose.forward(self._link)
                 if self.airborne and self._rank == FLY and (trouble := self._watch.look()):
                     self._give_up(trouble)
                 next(self._activity, None)
@@ -149,7 +152,7 @@ class Pilot:
         self._begin(LAND, self._descend)
 
     def _climb(self, height: float, done: threading.Event) -> Iterator[None]:
-        x, y, _ = (float(component) for component in self._vitals.motion.position)
+        x, y, self.ground = (float(component) for component in self._vitals.motion.position)
         plan = max(SHORTEST, (height - self.ground) / CLIMB)
         self._watch.begin()
         self.airborne = True

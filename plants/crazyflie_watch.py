@@ -4,12 +4,14 @@ import time
 
 from plants.crazyflie_bounds import Bounds
 from plants.crazyflie_link import Link
+from plants.crazyflie_pose import Pose
 from plants.crazyflie_stream import Stream
 from plants.crazyflie_vitals import CRASHED, FLYING, LOCKED, TUMBLED, Vitals
 
 BATTERY_FOR = 0.5  # s for which the voltage has to be too low: it dips with every burst of thrust
 STOPPED_FOR = 1.0  # s without its motors
 HEALTH_AGE_MAX = 2.0  # s
+POSE_AGE_MAX = 0.5  # s
 STUTTER = 0.1  # s between two looks: this process stood still, and what came meanwhile has not been read yet
 STOPS = {LOCKED: "locked", CRASHED: "crashed", TUMBLED: "tumbled"}
 WITHOUT_SETPOINTS = (
@@ -26,13 +28,15 @@ class Watch:
         vitals: What the drone tells.
         stream: What the drone is told.
         bounds: What the flight keeps to.
+        pose: What measures its position, if it does not do that itself.
     """
 
-    def __init__(self, link: Link, vitals: Vitals, stream: Stream, bounds: Bounds) -> None:
+    def __init__(self, link: Link, vitals: Vitals, stream: Stream, bounds: Bounds, pose: Pose | None) -> None:
         self._link = link
         self._vitals = vitals
         self._stream = stream
         self._bounds = bounds
+        self._pose = pose
         self.begin()
 
     def begin(self) -> None:
@@ -69,6 +73,8 @@ class Watch:
             return f"link lost ({lost}): {WITHOUT_SETPOINTS}"
         if (age := self._vitals.motion.age) > bounds.state_age_max:
             return f"its state is {age:.2f} s old, at most {bounds.state_age_max:g} s is allowed"
+        if self._pose is not None and self._pose.age > POSE_AGE_MAX:
+            return f"the last pose came {self._pose.age:.2f} s ago, at most {POSE_AGE_MAX:g} s is allowed"
         if (age := self._vitals.health.age) > HEALTH_AGE_MAX:
             return f"its battery was last heard of {age:.1f} s ago, at most {HEALTH_AGE_MAX:g} s is allowed"
         if (age := self._stream.command_age) > bounds.land_after:
