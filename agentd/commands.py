@@ -282,6 +282,24 @@ def why(options: Namespace) -> int:
     return 0
 
 
+def emulate_crazyflie(options: Namespace) -> int:
+    """Be software Crazyflies, each at a port of its own, that cflib connects to and flies as if they were real.
+
+    Each prints a line ``ready NUMBER URI``. While they run, lines on standard input make trouble, each is answered:
+
+      1 battery 3.1          volts              2 silence 0.3      nothing gets through, s
+      1 kill-link            restore-link       all loss 0.02      of packets
+      3 refuse-arm on        off                3 tumble on        upside down
+      2 variance 0.5         m^2, or off        2 freeze-estimate on
+      4 base-stations 0      that it sees       4 drift 0.3 0.0    carried along, m/s
+      1 place 0.5 0.0 90     m, m, deg          1 restart          off and on again
+      1 state                                   quit
+    """
+    from agentd.emulate import emulate  # noqa: PLC0415 - compiles the model
+
+    return emulate(options)
+
+
 def _launch(fleet: LoadedFleet, folder: Path, options: Namespace) -> None:
     """Launch, and say what came of it, also when it failed."""
     from agentd.fleet import launch as launch_fleet  # noqa: PLC0415 - Zenoh is for those who need it
