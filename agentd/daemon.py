@@ -193,7 +193,7 @@ def _run(
     control: Control,
     status: Status,
 ) -> Ending:
-    """Lead the loop to its end, and stay until the neighbours have ended too."""
+    """Lead the loop to its end, and at a planned one stay until the neighbours have ended too."""
 
     def report(phase: Report) -> None:
         status.report(phase)
@@ -204,7 +204,8 @@ def _run(
         ending = run_wall(parts, network, offsets, control.obey, report)
     else:
         ending = run_virtual(parts, network, fleet.spec.zenoh.silence_timeout, fleet.spec.zenoh.ready_timeout, report)
-    await_goodbyes(parts, network, GOODBYE_TIMEOUT)
+    if ending.cause is None:
+        await_goodbyes(parts, network, GOODBYE_TIMEOUT)
     return ending
 
 
