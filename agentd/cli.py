@@ -113,9 +113,16 @@ def _parser() -> argparse.ArgumentParser:
     links.add_argument("--json", action="store_true", help="print one JSON object, times in s")
     links.add_argument("--export", type=Path, metavar="FILE", help="write a profile, and print what replays it")
     drones = command("emulate-crazyflie", commands.emulate_crazyflie, "software Crazyflies that cflib connects to")
+    _add_emulator_options(drones)
+    why = command("why", commands.why, "explain the closest approach of a run, and replay it without faults")
+    why.add_argument("run", type=Path, metavar="RUN")
+    return parser
+
+
+def _add_emulator_options(drones: argparse.ArgumentParser) -> None:
     drones.add_argument("--n", type=int, default=4, metavar="N", help="how many (default: 4)")
     drones.add_argument("--fleet", metavar="FLEET", help="instead: one per agent of a fleet, at its start and URI")
-    drones.add_argument("--plant", metavar="NAME", help="plant of the fleet whose URIs are meant (default: hardware)")
+    drones.add_argument("--plant", metavar="NAME", help="plant whose URIs are meant: one of [plants]")
     drones.add_argument("--port", type=int, default=19850, metavar="P", help="of the first drone (default: 19850)")
     drones.add_argument("--tcp", action="store_true", help="TCP with frames of CPX instead of UDP")
     drones.add_argument("--truth", type=Path, metavar="DIR", help="write what each drone really does to DIR")
@@ -127,9 +134,6 @@ def _parser() -> argparse.ArgumentParser:
     drones.add_argument("--parameters", default="forster2015", metavar="NAME", help="of the body's model")
     drones.add_argument("--seed", type=int, default=0, metavar="N")
     drones.add_argument("--until-stdin-closes", action="store_true", help="end when standard input ends")
-    why = command("why", commands.why, "explain the closest approach of a run, and replay it without faults")
-    why.add_argument("run", type=Path, metavar="RUN")
-    return parser
 
 
 def _fleet_options() -> argparse.ArgumentParser:
