@@ -1,12 +1,15 @@
 """``agentd emulate-crazyflie``: software Crazyflies that cflib connects to."""
 
 import signal
+import sys
 from argparse import Namespace
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
 from typing import TYPE_CHECKING
 from urllib.parse import urlparse
+
+import numpy as np
 
 from dcf_zenoh.config import load
 from dcf_zenoh.errors import ConfigurationError
@@ -21,7 +24,7 @@ class Signals:
     def __init__(self) -> None:
         self.came = False
 
-    def __call__(self, signum: int, frame: FrameType | None) -> None:
+    def __call__(self, _signum: int, _frame: FrameType | None) -> None:
         """A signal has come."""
         self.came = True
 
@@ -53,42 +56,51 @@ def emulate(options: Namespace) -> int:
             for number, drone in emulation.drones.items():
                 print(f"ready {number} {drone.endpoint.uri}", flush=True)
             serve(
-                emulation.drones, emulation.begin, lambda: signals.came, until_closed=options.until_stdin_closes
+                emulation.drones,
+                emulation.begin,
+                lambda: signals.came,
+                lines=sys.stdin,
+                until_closed=options.until_stdin_closes,
             )
     return 0
 
 
-def places(options: Namespace) -> "Mapping[int, Place]":
+def places(options: Namespace) -> "dict[int, Place]":
     """Where the drones stand and listen: those of a fleet, or `options.n` of them.
 
     Raises:
-        ConfigurationError: The fleet's plant has no URIs that can be emulated.
+        ConfigurationError: No agent of the fleet has a URI that can be emulated, or a number is out of its range.
     """
     from plants.emulator.fleet import Place, around  # noqa: PLC0415
 
     if options.fleet is None:
-        standing = around(options.n)
+        if not 1 <= options.n <= 100 or not 0 <= options.port <= 65536 - options.n:
+            raise ConfigurationError("emulate-crazyflie: expected --n from 1 to 100, and --port so that all have one")
         return {
-            k + 1: Place(position, port=options.port + k, tcp=options.tcp) for k, position in enumerate(standing)
+            k + 1: Place(position, port=options.port and options.port + k, tcp=options.tcp)
+            for k, position in enumerate(around(options.n))
         }
-    spec = load(options.fleet, plant=options.plant or "hardware").spec
+    spec = load(options.fleet, plant=options.plant).spec
     found = {}
-    for i, agent in spec.agents.items():
-        uri = agent.plant.options.get("uri", "") if agent.plant else ""
-        parsed = urlparse(str(uri))
-        if parsed.scheme not in ("udp", "tcp") or not parsed.port:
-            raise ConfigurationError(
-                f"agent {i}: its URI must begin with udp:// or tcp:// and name a port, not {uri!r}", options.fleet
-            )
-        found[i] = Place(agent.start[:2], host=parsed.hostname or "", port=parsed.port, tcp=parsed.scheme == "tcp")
+    for i in spec.ids:
+        agent = spec.agent(i)
+        uri = urlparse(str(agent.plant.options.get("uri", "")) if agent.plant else "")
+        if uri.scheme in ("udp", "tcp") and uri.hostname and uri.port:
+            found[i] = Place(np.array(agent.start[:2]), host=uri.hostname, port=uri.port, tcp=uri.scheme == "tcp")
+    if not found:
+        raise ConfigurationError(
+            "no agent has a plant with a uri of udp:// or tcp:// that could be emulated; --plant may choose another",
+            options.fleet,
+        )
     return found
 
 
 @contextmanager
 def heeding() -> Iterator[Signals]:
-    """Within, SIGINT and SIGTERM only set a mark."""
+    """Within, SIGINT and SIGTERM only set a mark, and a terminal may be in use by somebody else."""
     signals = Signals()
     before = {each: signal.signal(each, signals) for each in (signal.SIGINT, signal.SIGTERM)}
+    before[signal.SIGTTIN] = signal.signal(signal.SIGTTIN, signal.SIG_IGN)
     try:
         yield signals
     finally:

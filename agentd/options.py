@@ -85,7 +85,7 @@ def add_emulator(command: Add) -> None:
     drones = command("emulate-crazyflie", commands.emulate_crazyflie, "software Crazyflies that cflib connects to")
     drones.add_argument("--n", type=int, default=4, metavar="N", help="how many (default: 4)")
     drones.add_argument("--fleet", metavar="FLEET", help="instead: one per agent of a fleet, at its start and URI")
-    drones.add_argument("--plant", metavar="NAME", help="plant of the fleet whose URIs are meant (default: hardware)")
+    drones.add_argument("--plant", metavar="NAME", help="plant whose URIs are meant: one of [plants]")
     drones.add_argument("--port", type=int, default=19850, metavar="P", help="of the first drone (default: 19850)")
     drones.add_argument("--tcp", action="store_true", help="TCP with frames of CPX instead of UDP")
     drones.add_argument("--truth", type=Path, metavar="DIR", help="write what each drone really does to DIR")

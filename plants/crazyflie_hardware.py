@@ -82,7 +82,7 @@ class CrazyflieHardware(Plant):
     """
 
     real: ClassVar[bool] = True
-    landing_time: ClassVar[float] = 20.0
+    landing_time: ClassVar[float] = 25.0
     own_keys: ClassVar[tuple[str, ...]] = ("uri",)
 
     def __init__(
@@ -278,7 +278,7 @@ class CrazyflieHardware(Plant):
             stream.follow(wanted, self._height)
 
     def finish(self, now: int, reason: str) -> Iterator[float]:  # noqa: ARG002
-        """Brake, sink at 0.3 m/s, stop and disarm the motors, once it stands; `landing_time` at most.
+        """Brake, sink at 0.2 m/s, stop and disarm the motors, once it stands; `landing_time` at most.
 
         Raises:
             PlantError: It was not seen to land; the message says why.

@@ -18,7 +18,7 @@ RESEND = 0.2  # s without an answer to a question
 SILENT = 2.0  # s without a packet: the link is lost, whatever its driver says
 PROTOCOL_MIN, PROTOCOL_SUPERVISOR = 4, 12
 
-LINK, PARAMETERS, LOCALISATION, SUPERVISOR, PLATFORM = 15, 2, 6, 9, 13  # ports
+PARAMETERS, LOCALISATION, HIGH_LEVEL, SUPERVISOR, PLATFORM, LINK = 2, 6, 8, 9, 13, 15  # ports
 READ, WRITE = 1, 2  # channels of PARAMETERS
 COMMAND = 1  # channel of SUPERVISOR
 ARM, EMERGENCY_STOP, ECHO = 0x01, 0x03, 0x01
@@ -54,6 +54,7 @@ class Link:
         self._connected = False
         self._failure = ""
         self._answers: dict[tuple[int, int, bytes], tuple[float, bytes]] = {}
+        self._accepted = 0.0
         self.crazyflie: Any = Crazyflie(rw_cache=str(cache))
         crazyflie = self.crazyflie
         self.platform: Any = crazyflie.platform
@@ -67,6 +68,7 @@ class Link:
         crazyflie.disconnected.add_callback(self._on_disconnected)
         for port, channel, size in ((PARAMETERS, READ, 2), (PARAMETERS, WRITE, 2), (LINK, 0, 9)):
             self._listen(port, channel, size)
+        crazyflie.add_port_callback(HIGH_LEVEL, self._on_planner)
 
     @property
     def silence(self) -> float:
@@ -138,6 +140,10 @@ class Link:
         packet.set_header(port, channel)
         packet.data = data
         self.send_packet(packet)
+
+    def accepted_since(self, instant: float) -> bool:
+        """Whether the firmware's planner has accepted an order since an instant of the monotonic clock, in s."""
+        return self._accepted > instant
 
     def arm(self, armed: bool) -> None:
         """Ask for the motors to be armed, or disarmed."""
@@ -253,6 +259,10 @@ class Link:
 
     def _on_packet(self, _packet: object) -> None:
         self._heard = time.monotonic()
+
+    def _on_planner(self, packet: Any) -> None:
+        if len(packet.data) > 3 and packet.data[3] == 0:  # what was ordered, and an error number
+            self._accepted = time.monotonic()
 
     def _on_first_packet(self, _uri: str) -> None:
         if not is_wireless(self._uri) and (driver := self.crazyflie.link) is not None:

@@ -18,17 +18,16 @@ from plants.crazyflie_watch import HEALTH_AGE_MAX, Watch
 
 log = logging.getLogger(__name__)
 
-CLIMB, CRUISE, SINK = 0.4, 0.3, 0.3  # m/s on average, under the firmware's own planner
+CLIMB, CRUISE, SINK = 0.4, 0.3, 0.2  # m/s on average, under the firmware's own planner
 SHORTEST = 1.5  # s for a planned manoeuvre
-BURST = 3  # times an order is sent at once: it is one packet, and must not get lost
-AGAIN = 1.0  # s until an order that was not obeyed is repeated; without any, it would fall after 2
-OBEYED = 0.05  # m
-PATIENCE = 3.0  # s until an order has to be obeyed
+AGAIN = 0.1  # s until an order that was not accepted is repeated; without any, it would fall after 2 s
+PATIENCE = 3.0  # s until an order has to be accepted, and it has to have left the ground
+LIFTED = 0.05  # m above the ground
 OVERTIME = 4.0  # s for a manoeuvre beyond its plan
 REACHED, SLOW = 0.1, 0.15  # m and m/s: it is at a point
 NEAR_GROUND, STANDS_FOR = 0.06, 0.3  # m above it, and s: it stands
 BRAKING = 0.8  # s
-SWITCHING_OFF = 0.3  # s for which that is repeated
+SWITCHING_OFF = 3  # times that is repeated
 STOPPING = 0.5  # s for which the emergency stop is repeated
 
 FLY, LAND, STOP = 0, 1, 2  # who lands does not fly on, and a stop is final
@@ -162,8 +161,11 @@ class Pilot:
                 self._link.arm(True)
             self._link.high_level.takeoff(height, plan, yaw=None)
 
-        yield from self._insist(order, lambda: self._height > OBEYED)
-        if self._height > OBEYED:
+        until = time.monotonic() + PATIENCE
+        yield from self._insist(order, until)
+        while self._height < LIFTED and time.monotonic() < until:
+            yield
+        if self._height > LIFTED:
             yield from self._arrive(Point(x, y, height), time.monotonic() + plan, "take-off", done)
         else:
             self.airborne = False
@@ -174,9 +176,9 @@ class Pilot:
         far = _distance(self._vitals.motion, point)
         plan = max(SHORTEST, far / CRUISE) if far > REACHED else 0.0
         if plan:
+            heading = self._vitals.motion.yaw
             yield from self._insist(
-                lambda: self._link.high_level.go_to(*point, self._vitals.motion.yaw, plan),
-                lambda: far - _distance(self._vitals.motion, point) > OBEYED,
+                lambda: self._link.high_level.go_to(*point, heading, plan), time.monotonic() + PATIENCE
             )
         yield from self._arrive(point, time.monotonic() + plan, "going to its start", done)
 
@@ -187,19 +189,17 @@ class Pilot:
                 self.stream.halt()
                 yield from self._hover(time.monotonic() + BRAKING)
             yield from self._sink()
-        until = time.monotonic() + SWITCHING_OFF
-        while not self.airborne and time.monotonic() < until:
+        for _ in range(0 if self.airborne else SWITCHING_OFF):
             self._link.high_level.stop()
             self._link.arm(False)
-            yield
+            yield from _pause(AGAIN)
         done.set()
 
     def _sink(self) -> Iterator[None]:
-        high = self._height
-        plan = max(SHORTEST, high / SINK)
+        plan = max(SHORTEST, self._height / SINK)
         yield from self._insist(
             lambda: self._link.high_level.land(self.ground, plan, yaw=None),  # ignored while it is under way
-            lambda: high - self._height > OBEYED or high < NEAR_GROUND,
+            time.monotonic() + PATIENCE,
         )
         until = time.monotonic() + plan + OVERTIME
         stood = math.inf
@@ -213,16 +213,13 @@ class Pilot:
         if self.airborne:
             self.failure = self.failure or f"it was not seen to land within {plan + OVERTIME:.1f} s"
 
-    def _insist(self, order: Callable[[], None], obeyed: Callable[[], bool]) -> Iterator[None]:
-        """Give an order to the firmware's planner until it is obeyed, or patience is over."""
-        give_up = time.monotonic() + PATIENCE
-        while not obeyed() and time.monotonic() < give_up:
-            for _ in range(BURST):
-                self._link.commander.send_notify_setpoint_stop()  # first: then the planner begins where the drone is
-                order()
-            again = time.monotonic() + AGAIN
-            while not obeyed() and time.monotonic() < again:
-                yield
+    def _insist(self, order: Callable[[], None], until: float) -> Iterator[None]:
+        """Give an order to the firmware's planner until it is accepted, or until an instant, in s."""
+        began = time.monotonic()
+        while not self._link.accepted_since(began) and time.monotonic() < until:
+            self._link.commander.send_notify_setpoint_stop()  # first: then the planner begins where the drone is
+            order()
+            yield from _pause(AGAIN)
 
     def _arrive(self, point: Point, planned: float, what: str, done: threading.Event) -> Iterator[None]:
         """Leave it to the firmware's planner until an instant, then hover at `point`: soon it has to be there."""
@@ -254,6 +251,12 @@ class Pilot:
     @property
     def _height(self) -> float:
         return float(self._vitals.motion.position[2]) - self.ground
+
+
+def _pause(duration: float) -> Iterator[None]:
+    until = time.monotonic() + duration
+    while time.monotonic() < until:
+        yield
 
 
 def _nothing(done: threading.Event) -> Iterator[None]:

@@ -27,8 +27,8 @@ class Body:
     Attributes:
         tick: How many ms have passed.
         state: Shape (17,), see `crazyflie_dynamics`.
-        push: Velocity, shape (2,), m/s, at which something carries it along while it is in the air, unnoticed by all that
-            the drone measures of its velocity.
+        push: Velocity, shape (2,), m/s, at which something carries it along while it is in the air; it is not part of
+            the velocity that the drone measures.
         touchdown: Speed at which it came to the ground in the last slot, m/s; None if it did not.
     """
 

@@ -3,10 +3,12 @@
 import errno
 
 from plants.emulator.body import SLOT
-from plants.emulator.crtp import PARAM, packet
+from plants.emulator.crtp import LINK, PARAM, packet
 from plants.emulator.endpoint import Endpoint
 from plants.emulator.firmware import Firmware
 from plants.emulator.radio import Radio
+
+SOURCE = 1  # channel of the link's port on which a client asks who is there first of all
 
 
 class Drone:
@@ -21,12 +23,17 @@ class Drone:
         radio: What is between it and the client.
         endpoint: Where the client is.
         begin: Instant of the monotonic clock, s, that is time 0.
+
+    It records the events "link lost" and "link back".
+
+    Raises:
+        OSError: The port is taken.
     """
 
     def __init__(self, firmware: Firmware, radio: Radio, endpoint: Endpoint, begin: float) -> None:
         self.firmware, self.radio, self.endpoint = firmware, radio, endpoint
         self._begin = begin
-        self._away = False
+        self._lost = False
         endpoint.open()
 
     @property
@@ -44,36 +51,36 @@ class Drone:
             for each in self.firmware.step():
                 self.radio.send_down(now + SLOT, each.wire)
         self._take_in(until)
-        while (wire := self.radio.down.arrive(until)) is not None:
+        for _, wire in self.radio.down.arrive(until):
             self.endpoint.send(wire)
         self._heed_the_link(until)
 
     def _take_in(self, now: float) -> None:
         """Hand over all packets that have arrived by `now`, s."""
-        while (due := self.radio.up.next) is not None and (wire := self.radio.up.arrive(now)) is not None:
+        for arrived, wire in self.radio.up.arrive(now):
             got = packet(wire)
             if got is None:
                 continue
             for answer in self.firmware.receive(got):
-                self.radio.send_down(due, answer.wire)
-            if got.port == PARAM and self.firmware.parameters.is_last(got.channel, got.data):
+                self.radio.send_down(arrived, answer.wire)
+            if got.port == LINK and got.channel == SOURCE:  # a client begins to connect
+                self.radio.connected = False
+            elif got.port == PARAM and self.firmware.parameters.is_last(got.channel, got.data):
                 self.radio.connected = True
 
     def _heed_the_link(self, now: float) -> None:
-        """Be gone while the link is lost, so that a client over UDP gets an error when it sends."""
+        """Tell the client of a lost link as its radio would, where that is possible."""
         lost = self.radio.lost(now)
-        if lost and not self._away:
-            self.radio.up.forget()
-            self.radio.down.forget()
-            self.endpoint.close()
+        if lost and not self._lost:
+            self.radio.forget()
+            self.endpoint.lose()
             self.firmware.event("link lost")
-            self._away = True
-        elif self._away and not lost:
+        elif self._lost and not lost:
             try:
                 self.endpoint.open()
             except OSError as error:
-                if error.errno != errno.EADDRINUSE:  # else somebody else has the port for now
-                    raise
-                return
+                if error.errno == errno.EADDRINUSE:  # somebody else has the port for now
+                    return
+                raise
             self.firmware.event("link back")
-            self._away = False
+        self._lost = lost

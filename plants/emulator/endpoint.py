@@ -15,17 +15,16 @@ FRAME_MAX = 1024
 
 
 class Endpoint(ABC):
-    """What a client connects to; one client at a time, the newest.
+    """What a client connects to; one client at a time, the newest."""
 
-    Attributes:
-        uri: What a client connects with.
-    """
-
-    uri: str
+    @property
+    @abstractmethod
+    def uri(self) -> str:
+        """What a client connects with."""
 
     @abstractmethod
     def open(self) -> None:
-        """Be there for clients.
+        """Be there for clients. Safe to call twice.
 
         Raises:
             OSError: The port is taken.
@@ -34,6 +33,9 @@ class Endpoint(ABC):
     @abstractmethod
     def close(self) -> None:
         """Be gone. Safe to call twice."""
+
+    def lose(self) -> None:
+        """Let the client find out that the link is lost, where it can; `open` ends it."""
 
     @abstractmethod
     def sockets(self) -> list[socket.socket]:
@@ -62,12 +64,14 @@ class Udp(Endpoint):
         self._client: tuple[str, int] | None = None
 
     @property
-    def uri(self) -> str:  # type: ignore[override]
+    def uri(self) -> str:
         """What a client connects with."""
         return f"udp://{self._address[0]}:{self._address[1]}"
 
     def open(self) -> None:
         """Take the port."""
+        if self._socket is not None:
+            return
         made = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:
             made.setblocking(False)
@@ -80,10 +84,14 @@ class Udp(Endpoint):
         self._socket, self._address = made, made.getsockname()
 
     def close(self) -> None:
-        """Give the port back; who sends to it is told by the system that nobody is there."""
+        """Give the port back."""
         if self._socket is not None:
             self._socket.close()
         self._socket = self._client = None
+
+    def lose(self) -> None:
+        """Give the port back: the system tells a client that sends to it that nobody is there."""
+        self.close()
 
     def sockets(self) -> list[socket.socket]:
         """The socket, if the port is taken."""
@@ -117,6 +125,8 @@ class Udp(Endpoint):
 class Tcp(Endpoint):
     """Packets in frames of CPX: the length of what follows in two bytes, who to whom, about what, and the packet.
 
+    A lost link only falls silent: where the connection is closed on it, cflib 0.1.34 spins in its reading thread.
+
     Args:
         host: Own address.
         port: Own port; 0 takes a free one.
@@ -129,12 +139,14 @@ class Tcp(Endpoint):
         self._came, self._going = bytearray(), bytearray()
 
     @property
-    def uri(self) -> str:  # type: ignore[override]
+    def uri(self) -> str:
         """What a client connects with."""
         return f"tcp://{self._address[0]}:{self._address[1]}"
 
     def open(self) -> None:
         """Take the port."""
+        if self._listening is not None:
+            return
         self._listening = socket.create_server(self._address)
         self._listening.setblocking(False)
         self._address = self._listening.getsockname()
@@ -210,6 +222,6 @@ def _instant(ancillary: list[tuple[int, int, bytes]]) -> float:
     for level, kind, data in ancillary:
         if level == socket.SOL_SOCKET and kind == STAMPED and len(data) >= 16:
             seconds, nanoseconds = struct.unpack("qq", data[:16])
-            age = time.time() - (seconds + nanoseconds * 1e-9)
+            age: float = time.time() - (seconds + nanoseconds * 1e-9)
             return now - max(0.0, age)
     return now

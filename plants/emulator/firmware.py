@@ -1,6 +1,5 @@
 """The firmware of one drone: packets in, packets out, and in between it flies."""
 
-import math
 import struct
 from collections.abc import Callable
 from typing import TypeAlias
@@ -21,7 +20,7 @@ from plants.emulator.memories import PERSIST, Lighthouse
 from plants.emulator.parameters import Parameters
 from plants.emulator.planner import GO_TO, GROUP_MASK, LAND, STOP_PLAN, TAKE_OFF, Phase, Planner
 from plants.emulator.setpoints import NAMES, STOP, ByThrust, Setpoint, generic
-from plants.emulator.supervisor import PERIOD, Conditions, State, Supervisor
+from plants.emulator.supervisor import PERIOD, Look, State, Supervisor
 from plants.emulator.truth import SAMPLE, Truth, rounded
 from plants.sensing import Sensor
 
@@ -30,7 +29,7 @@ Handler: TypeAlias = Callable[[int, bytes], list[Packet]]
 PROTOCOL, VERSION = 12, b"dcf-zenoh emulator"
 NAME = b"Bitcraze Crazyflie".ljust(30, b"\0")  # by which a client knows that it may ask for the protocol's version
 ARM, RECOVER, EMERGENCY, FEED, BITS, ANSWER = 0x01, 0x02, 0x03, 0x04, 0x0C, 0x80
-AIRBORNE, SOFT = 0.05, 1.0  # m; m/s with which a touchdown still counts as soft: a drop from 5 cm
+AIRBORNE, SOFT = 0.05, 1.5  # m; m/s with which a touchdown still counts as soft: a drop from 11 cm
 STATIONS = {0: (-2.0, 2.0, 2.0), 1: (2.0, -2.0, 2.0)}  # base stations that the drone knows, m
 HIGH_LEVEL = {GROUP_MASK: "group", STOP_PLAN: "stop_plan", TAKE_OFF: "take_off", LAND: "land", GO_TO: "go_to"}
 
@@ -74,9 +73,9 @@ class Firmware:
         self._handlers: dict[int, Handler] = {
             crtp.LINK: self._link,
             crtp.PLATFORM: self._platform,
-            crtp.LOG: lambda channel, data: self.log.receive(channel, data, self.now),
-            crtp.PARAM: lambda channel, data: self.parameters.receive(channel, data),
-            crtp.MEMORY: lambda channel, data: self.lighthouse.receive(channel, data),
+            crtp.LOG: self._log,
+            crtp.PARAM: self._parameters,
+            crtp.MEMORY: self.lighthouse.receive,
             crtp.COMMANDER: self._by_thrust,
             crtp.GENERIC: self._generic,
             crtp.HIGH_LEVEL: self._high_level,
@@ -142,7 +141,7 @@ class Firmware:
     def _look(self) -> None:
         """The supervisor looks."""
         before = self.supervisor.state
-        conditions = Conditions(
+        seen = Look(
             thrust=bool(self.body.motors.max() > 0),
             tumbled=self.upside_down,
             setpoint_age=self.now - self.commander.since,
@@ -150,7 +149,7 @@ class Firmware:
             ready_timeout=int(self.parameters["supervisor.prefltTimeout"]),
             landed_timeout=int(self.parameters["supervisor.landedTimeout"]),
         )
-        self.supervisor.look(conditions, self.now)
+        self.supervisor.look(seen, self.now)
         if self.supervisor.state is not before:
             self.event(self.supervisor.state.value)
 
@@ -197,6 +196,12 @@ class Firmware:
         if channel == 0:
             return [Packet(crtp.LINK, 0, data)]
         return [Packet(crtp.LINK, 1, NAME)] if channel == 1 else []
+
+    def _log(self, channel: int, data: bytes) -> list[Packet]:
+        return self.log.receive(channel, data, self.now)
+
+    def _parameters(self, channel: int, data: bytes) -> list[Packet]:
+        return self.parameters.receive(channel, data)
 
     def _platform(self, channel: int, data: bytes) -> list[Packet]:
         if channel == 1:

@@ -2,7 +2,7 @@
 
 import errno
 import struct
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 from plants.emulator.crtp import LOG, Packet
@@ -57,18 +57,9 @@ class LogBlocks:
 
     def __init__(self, variables: Sequence[Variable]) -> None:
         self._variables = variables
-        entries = [Entry(*v.name.split("."), CODES[v.layout], v.layout) for v in variables]
+        entries = [Entry(v.name, CODES[v.layout]) for v in variables]
         self._table = Table(LOG, entries, bytes((BLOCKS_MAX, VARIABLES_MAX)))
         self._blocks: dict[int, Block] = {}
-
-    @property
-    def running(self) -> int:
-        """How many blocks are being sent."""
-        return sum(block.period > 0 for block in self._blocks.values())
-
-    def forget(self) -> None:
-        """Delete all blocks."""
-        self._blocks.clear()
 
     def receive(self, channel: int, data: bytes, now: int) -> list[Packet]:
         """Answer a packet that came at `now`, ms."""
@@ -77,7 +68,7 @@ class LogBlocks:
         if channel != CONTROL:
             return []
         if data[0] == RESET:
-            self.forget()
+            self._blocks.clear()
             return [Packet(LOG, CONTROL, bytes((RESET, 0, 0)))]
         error = self._change(data[0], data[1], data[2:], now)
         return [Packet(LOG, CONTROL, bytes((data[0], data[1], error)))]
@@ -95,31 +86,31 @@ class LogBlocks:
     def _change(self, command: int, number: int, rest: bytes, now: int) -> int:
         """Carry out a command on one block; its error number, 0 if there is none."""
         if command == CREATE:
-            if number in self._blocks:
-                return errno.EEXIST
-            if len(self._blocks) >= BLOCKS_MAX:
-                return errno.ENOMEM
-            block = Block()
-            error = self._append(block, rest)
-            if not error:
-                self._blocks[number] = block
-            return error
-        if number not in self._blocks:
+            return self._create(number, rest)
+        block = self._blocks.get(number)
+        if block is None:
             return errno.ENOENT
-        block = self._blocks[number]
         if command == APPEND:
             return self._append(block, rest)
-        if command == START:
-            block.period = UNIT * rest[0]
-            block.due = now + block.period
-            return 0
-        if command == STOP:
-            block.period = 0
-            return 0
         if command == DELETE:
             del self._blocks[number]
-            return 0
-        return errno.ENOEXEC
+        elif command in (START, STOP):
+            block.period = UNIT * rest[0] if command == START else 0
+            block.due = now + block.period
+        else:
+            return errno.ENOEXEC
+        return 0
+
+    def _create(self, number: int, rest: bytes) -> int:
+        if number in self._blocks:
+            return errno.EEXIST
+        if len(self._blocks) >= BLOCKS_MAX:
+            return errno.ENOMEM
+        block = Block()
+        error = self._append(block, rest)
+        if not error:
+            self._blocks[number] = block
+        return error
 
     def _append(self, block: Block, rest: bytes) -> int:
         wanted = []
@@ -143,12 +134,3 @@ def _packed(layout: str, value: float) -> bytes:
         return struct.pack("<" + layout, value)
     size = struct.calcsize(layout)
     return (int(value) % (1 << 8 * size)).to_bytes(size, "little")
-
-
-def by_group(groups: Mapping[str, Mapping[str, tuple[str, Callable[[], float]]]]) -> list[Variable]:
-    """Variables from {group: {name: (layout, value)}}."""
-    return [
-        Variable(f"{group}.{name}", layout, value)
-        for group, names in groups.items()
-        for name, (layout, value) in names.items()
-    ]

@@ -62,21 +62,8 @@ class Lighthouse:
         """Answer a packet on the port of memories."""
         if channel == INFORMATION:
             return self._information(data)
-        if data[0] != 0:
-            return [Packet(MEMORY, channel, data[:5] + bytes((errno.ENOENT,)))]
-        (address,) = struct.unpack("<I", data[1:5])
-        if channel == READ:
-            length = data[5]
-            if address + length > SIZE:
-                return [Packet(MEMORY, channel, data[:5] + bytes((errno.EIO,)))]
-            return [Packet(MEMORY, channel, data[:5] + b"\0" + bytes(self._pages[address : address + length]))]
-        if channel == WRITE:
-            written = data[5:]
-            if address + len(written) > SIZE:
-                return [Packet(MEMORY, channel, data[:5] + bytes((errno.EIO,)))]
-            self._pages[address : address + len(written)] = written
-            return [Packet(MEMORY, channel, data[:5] + b"\0")]
-        return []
+        error, read = self._access(channel, data)
+        return [Packet(MEMORY, channel, data[:5] + bytes((error,)) + read)]
 
     def persist(self, data: bytes) -> list[Packet]:
         """Keep what is known over a restart, as a packet on the port of localisation asks."""
@@ -89,6 +76,20 @@ class Lighthouse:
         if data[0] == DETAILS and data[1] == 0:
             return [Packet(MEMORY, INFORMATION, struct.pack("<BBBI8x", DETAILS, 0, LIGHTHOUSE, SIZE))]
         return [Packet(MEMORY, INFORMATION, data[:2])]
+
+    def _access(self, channel: int, data: bytes) -> tuple[int, bytes]:
+        """Read or write; the error number, 0 if there is none, and what was read."""
+        memory, address = struct.unpack("<BI", data[:5])
+        written = data[5:] if channel == WRITE else b""
+        end = address + (data[5] if channel == READ else len(written))
+        if memory != 0 or channel not in (READ, WRITE):
+            return errno.ENOENT, b""
+        if end > SIZE:
+            return errno.EIO, b""
+        if channel == WRITE:
+            self._pages[address:end] = written
+            return 0, b""
+        return 0, bytes(self._pages[address:end])
 
     def _valid(self, offset: int) -> int:
         return sum(1 << station for station in range(STATIONS) if self._pages[station * PAGE + offset])

@@ -45,22 +45,17 @@ class Parameters:
 
     def __init__(self, parameters: Sequence[Parameter]) -> None:
         self._parameters = parameters
-        entries = [Entry(*p.name.split("."), CODES[p.layout] | READ_ONLY * p.fixed, p.layout) for p in parameters]
+        entries = [Entry(p.name, CODES[p.layout] | READ_ONLY * p.fixed) for p in parameters]
         self._table = Table(PARAM, entries)
         self._values = [p.default for p in parameters]
 
     def __getitem__(self, name: str) -> float:
         """The value of 'group.name'."""
-        number = self._table.number(name)
-        if number is None:
-            raise KeyError(name)
-        return self._values[number]
+        return self._values[self._number(name)]
 
     def reset(self, name: str) -> None:
         """Back to its default, without telling anybody."""
-        number = self._table.number(name)
-        if number is None:
-            raise KeyError(name)
+        number = self._number(name)
         self._values[number] = self._parameters[number].default
 
     def receive(self, channel: int, data: bytes) -> list[Packet]:
@@ -80,6 +75,12 @@ class Parameters:
     def is_last(self, channel: int, data: bytes) -> bool:
         """Whether a packet asks for the value of the last parameter: with it, a client's connecting is over."""
         return channel == READ and data[:2] == struct.pack("<H", len(self._parameters) - 1)
+
+    def _number(self, name: str) -> int:
+        number = self._table.number(name)
+        if number is None:
+            raise KeyError(name)
+        return number
 
     def _miscellaneous(self, data: bytes) -> list[Packet]:
         if data[0] == SET_BY_NAME:

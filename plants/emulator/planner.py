@@ -154,39 +154,38 @@ class Planner:
         Raises:
             struct.error: The packet is too short or too long for its command.
         """
-        kind, groups = data[0], data[1]
+        kind, groups, rest = data[0], data[1], data[2:]
         if kind == GROUP_MASK:
             self._groups = groups
-            return 0
-        if groups and not groups & self._groups:
-            return 0  # it is for others
-        if kind == STOP_PLAN:
-            self.stop()
-            return 0
-        if kind not in (TAKE_OFF, LAND, GO_TO):
+        elif kind not in (STOP_PLAN, TAKE_OFF, LAND, GO_TO):
             return errno.ENOEXEC
-        if self.blocked:
+        elif groups and not groups & self._groups:
+            pass  # it is for others
+        elif kind == STOP_PLAN:
+            self.stop()
+        elif self.blocked:
             return errno.EBUSY
-        if kind == GO_TO:
-            relative, straight, x, y, z, yaw, duration = struct.unpack("<??5f", data[2:])
+        elif kind == GO_TO:
+            relative, straight, x, y, z, yaw, duration = struct.unpack("<??5f", rest)
             self._go_to(np.array([x, y, z, yaw]), duration, relative, straight, now)
-            return 0
-        height, yaw, keep_yaw, duration = struct.unpack("<ff?f", data[2:])
-        if kind == TAKE_OFF and self.phase is not Phase.IDLE or self.phase is Phase.LANDING:
+        else:
+            height, yaw, keep_yaw, duration = struct.unpack("<ff?f", rest)
+            return self._take_off_or_land(kind, height, None if keep_yaw else yaw, duration, now)
+        return 0
+
+    def _take_off_or_land(self, kind: int, height: float, yaw: float | None, duration: float, now: int) -> int:
+        if self.phase is not Phase.IDLE and (kind == TAKE_OFF or self.phase is Phase.LANDING):
             return 1
-        end = np.array([*self._here[:2], height, self._here[3] if keep_yaw else yaw])
-        self._begin(curve(now, duration, (self._here, REST, REST), self._shortest(end)))
+        end = np.array([*self._here[:2], height, self._here[3] if yaw is None else yaw])
+        self._curve = curve(now, duration, (self._here, REST, REST), self._shortest(end))
         self.phase = Phase.FLYING if kind == TAKE_OFF else Phase.LANDING
         return 0
 
     def _go_to(self, end: Array, duration: float, relative: bool, straight: bool, now: int) -> None:
         start = (self._here, self._velocity, REST) if self._curve is None else self._curve.at(now)
         end = self._shortest(end + start[0] if relative else end)
-        self._begin(line(now, duration, start[0], end) if straight else curve(now, duration, start, end))
+        self._curve = line(now, duration, start[0], end) if straight else curve(now, duration, start, end)
         self.phase = Phase.FLYING
-
-    def _begin(self, planned: Curve) -> None:
-        self._curve = planned
 
     def _shortest(self, end: Array) -> Array:
         """The same place, with a yaw that is reached by the shortest turn from here."""

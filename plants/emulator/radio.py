@@ -1,6 +1,7 @@
 """The radio between a client and a drone, as users meet it."""
 
 from collections import deque
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -43,11 +44,10 @@ class Way:
         self._last = max(self._last, due)
         self._under_way.append((self._last, wire))
 
-    def arrive(self, now: float) -> bytes | None:
-        """The next packet, if it has arrived by `now`, s."""
-        if self._under_way and self._under_way[0][0] <= now:
-            return self._under_way.popleft()[1]
-        return None
+    def arrive(self, now: float) -> Iterator[tuple[float, bytes]]:
+        """The packets that have arrived by `now`, s, and when."""
+        while self._under_way and self._under_way[0][0] <= now:
+            yield self._under_way.popleft()
 
     def forget(self) -> None:
         """Lose what is under way."""
@@ -101,6 +101,10 @@ class Radio:
     def restore(self, now: float) -> None:
         """End a silence. What it held is lost."""
         self._silent_until = now
+        self.forget()
+
+    def forget(self) -> None:
+        """Lose what is under way, both ways."""
         self.up.forget()
         self.down.forget()
 

@@ -1,10 +1,10 @@
 """Emulated drones in real time: one process, one thread, one loop."""
 
+import os
 import select
-import sys
 import time
 from collections.abc import Callable, Mapping
-from typing import TextIO
+from typing import Any, TextIO
 
 from plants.emulator.console import Misunderstood, obey
 from plants.emulator.drone import Drone
@@ -17,7 +17,7 @@ def serve(
     begin: float,
     stop: Callable[[], bool],
     *,
-    lines: TextIO | None = sys.stdin,
+    lines: TextIO | None,
     until_closed: bool = False,
 ) -> None:
     """Let drones live until `stop` says so, or a line ``quit`` comes.
@@ -26,14 +26,15 @@ def serve(
         drones: By the numbers that they go by in commands.
         begin: Instant of the monotonic clock, s, that is their time 0.
         stop: Whether it is over.
-        lines: Where commands come from; each is answered by a line on standard output.
+        lines: Where commands come from, if from anywhere; each is answered by a line on standard output.
         until_closed: The end of `lines` is the end of the drones.
     """
     talk = lines
     unfinished = ""
     while not stop():
-        waiting = [each for drone in drones.values() for each in drone.endpoint.sockets()]
-        readers = [*waiting, *([talk] if talk is not None else [])]
+        readers: list[Any] = [each for drone in drones.values() for each in drone.endpoint.sockets()]
+        if talk is not None:
+            readers.append(talk)
         pause = min(drone.next for drone in drones.values()) - (time.monotonic() - begin)
         ready, _, _ = select.select(readers, [], [], min(LONGEST, max(0.0, pause)))
         now = time.monotonic() - begin
@@ -63,8 +64,6 @@ def _answer(line: str, drones: Mapping[int, Drone], now: float) -> None:
 
 def _read(talk: TextIO) -> str:
     """What has come, without waiting for the end of a line; empty at the end of it all."""
-    import os  # noqa: PLC0415
-
     try:
         return os.read(talk.fileno(), 65536).decode(errors="replace")
     except OSError:

@@ -2,6 +2,7 @@
 
 import math
 import struct
+from collections.abc import Callable
 from typing import NamedTuple
 
 from plants.crazyflie_cascade import HOVER, POSITION, STOPPED, TILT_CLIMB, TILT_HEIGHT, TILT_THRUST, VELOCITY
@@ -51,28 +52,53 @@ def generic(data: bytes) -> Setpoint | None:
     Raises:
         struct.error: The packet is too short or too long for its kind.
     """
-    kind, rest = data[0], data[1:]
-    if kind == 0:
-        return STOP
-    if kind in (1, 8):  # 1: as it was before protocol version 9, with yaw rates clockwise
-        vx, vy, vz, rate = struct.unpack("<4f", rest)
-        return Setpoint(VELOCITY, (vx, vy, vz, math.radians(rate if kind == 8 else -rate)))
-    if kind in (5, 10):
-        ahead, left, rate, height = struct.unpack("<4f", rest)
-        return Setpoint(HOVER, (ahead, left, height, math.radians(rate if kind == 10 else -rate)))
-    if kind in (2, 9):
-        roll, pitch, rate, height = struct.unpack("<4f", rest)
-        return Setpoint(TILT_HEIGHT, _tilt(roll, pitch, rate if kind == 9 else -rate, height))
-    if kind == 6:
-        x, y, z, *_, turned = struct.unpack("<9hI", rest[:22])
-        return Setpoint(POSITION, (x * 1e-3, y * 1e-3, z * 1e-3, heading(turned)))
-    if kind == 7:
-        x, y, z, yaw = struct.unpack("<4f", rest)
-        return Setpoint(POSITION, (x, y, z, math.radians(yaw)))
-    if kind == 11:
-        roll, pitch, rate, thrust, is_rate = struct.unpack("<fffHB", rest)
-        return None if is_rate else _by_thrust(roll, pitch, rate, thrust)
-    return None
+    decode = KINDS.get(data[0])
+    return None if decode is None else decode(data[1:])
+
+
+def _velocity(rest: bytes, turn: float = 1.0) -> Setpoint:
+    vx, vy, vz, rate = struct.unpack("<4f", rest)
+    return Setpoint(VELOCITY, (vx, vy, vz, turn * math.radians(rate)))
+
+
+def _hover(rest: bytes, turn: float = 1.0) -> Setpoint:
+    ahead, left, rate, height = struct.unpack("<4f", rest)
+    return Setpoint(HOVER, (ahead, left, height, turn * math.radians(rate)))
+
+
+def _tilt_height(rest: bytes, turn: float = 1.0) -> Setpoint:
+    roll, pitch, rate, height = struct.unpack("<4f", rest)
+    return Setpoint(TILT_HEIGHT, _tilt(roll, pitch, turn * rate, height))
+
+
+def _position(rest: bytes) -> Setpoint:
+    x, y, z, yaw = struct.unpack("<4f", rest)
+    return Setpoint(POSITION, (x, y, z, math.radians(yaw)))
+
+
+def _full_state(rest: bytes) -> Setpoint:
+    x, y, z, *_, turned = struct.unpack("<9hI", rest[:22])  # mm; the velocities and accelerations in it are not used
+    return Setpoint(POSITION, (x * 1e-3, y * 1e-3, z * 1e-3, heading(turned)))
+
+
+def _manual(rest: bytes) -> Setpoint | None:
+    roll, pitch, rate, thrust, by_rates = struct.unpack("<fffHB", rest)
+    return None if by_rates else _by_thrust(roll, pitch, rate, thrust)
+
+
+BACK = -1.0  # yaw rates before protocol version 9 were clockwise
+KINDS: dict[int, Callable[[bytes], Setpoint | None]] = {
+    0: lambda _: STOP,
+    1: lambda rest: _velocity(rest, BACK),
+    2: lambda rest: _tilt_height(rest, BACK),
+    5: lambda rest: _hover(rest, BACK),
+    6: _full_state,
+    7: _position,
+    8: _velocity,
+    9: _tilt_height,
+    10: _hover,
+    11: _manual,
+}
 
 
 class ByThrust:

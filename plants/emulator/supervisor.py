@@ -1,7 +1,8 @@
 """The supervisor: whether the motors may run, and what happens when something is wrong."""
 
 import enum
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import NamedTuple, TypeAlias
 
 PERIOD = 40  # ms between two looks
 LEVEL_AFTER, FALL_AFTER = 500, 2000  # ms without a setpoint
@@ -10,7 +11,7 @@ FED_EVERY = 1000  # ms; the longest time between two signs of life, once there w
 
 
 class State(enum.Enum):
-    """As in the firmware; what is in quotes is for people."""
+    """What the supervisor thinks the drone does."""
 
     NOT_PASSED = "checks not passed"
     PASSED = "checks passed"
@@ -27,8 +28,8 @@ class State(enum.Enum):
 MOTORS_MAY_RUN = (State.READY, State.FLYING, State.LANDED, State.LEVELLING)
 
 
-class Conditions(NamedTuple):
-    """What the supervisor looks at.
+class Look(NamedTuple):
+    """What the supervisor is shown.
 
     Attributes:
         thrust: A motor runs.
@@ -47,29 +48,100 @@ class Conditions(NamedTuple):
     landed_timeout: int
 
 
+class Conditions(NamedTuple):
+    """What decides about the next state.
+
+    Attributes:
+        armed: It is.
+        flying: A motor has run within 2 s.
+        tumbled: It is upside down.
+        healthy: It passes its own checks.
+        late: There has been no setpoint for 0.5 s.
+        silent: There has been no setpoint for 2 s.
+        emergency: It has been stopped, or its signs of life have stopped.
+        crashed: It tumbled in flight, and has not been told to recover.
+        ready_too_long: It has been armed for too long without taking off.
+        landed_too_long: It has been armed for too long since it landed.
+    """
+
+    armed: bool
+    flying: bool
+    tumbled: bool
+    healthy: bool
+    late: bool
+    silent: bool
+    emergency: bool
+    crashed: bool
+    ready_too_long: bool
+    landed_too_long: bool
+
+
+Transition: TypeAlias = tuple[Callable[[Conditions], bool], State]
+
+# The first condition that holds leads on; if none does, the state stays.
+TRANSITIONS: dict[State, tuple[Transition, ...]] = {
+    State.NOT_PASSED: (
+        (lambda c: c.emergency, State.FREE_FALL),
+        (lambda c: c.healthy and not c.tumbled, State.PASSED),
+    ),
+    State.PASSED: (
+        (lambda c: c.emergency, State.FREE_FALL),
+        (lambda c: c.tumbled or not c.healthy, State.NOT_PASSED),
+        (lambda c: c.armed, State.READY),
+    ),
+    State.READY: (
+        (lambda c: c.emergency, State.FREE_FALL),
+        (lambda c: c.tumbled or not c.armed or c.ready_too_long, State.NOT_PASSED),
+        (lambda c: c.flying, State.FLYING),
+    ),
+    State.FLYING: (
+        (lambda c: c.silent or c.emergency, State.FREE_FALL),
+        (lambda c: c.tumbled, State.CRASHED),
+        (lambda c: not c.armed, State.RESET),
+        (lambda c: c.late, State.LEVELLING),
+        (lambda c: not c.flying, State.LANDED),
+    ),
+    State.LEVELLING: (
+        (lambda c: c.silent or c.emergency or c.tumbled, State.FREE_FALL),
+        (lambda c: not c.late, State.FLYING),
+    ),
+    State.LANDED: (
+        (lambda c: not c.armed or c.landed_too_long, State.RESET),
+        (lambda c: c.flying, State.FLYING),
+    ),
+    State.RESET: ((lambda _: True, State.NOT_PASSED),),
+    State.FREE_FALL: ((lambda _: True, State.LOCKED),),
+    State.LOCKED: (),
+    State.CRASHED: (
+        (lambda c: not c.crashed and not c.tumbled, State.NOT_PASSED),
+        (lambda c: c.emergency, State.LOCKED),
+    ),
+}
+
+
 class Supervisor:
     """A state machine that looks at the drone 25 times a second.
 
-    Arming is required. It disarms by itself where it is armed for too long without taking off, or after landing. Without
-    setpoints it levels out after 0.5 s and lets the drone fall after 2 s; then, and after an emergency stop, it
-    is locked until it is switched off and on. Upside down in flight it stops the motors, and can be told to recover once
-    it is upright.
+    Arming is required. It disarms by itself where it is armed for too long without taking off, or after landing.
+    Without setpoints it levels out after 0.5 s, and after 2 s it lets the drone fall; then, and after an emergency
+    stop, it is locked until it is switched off and on. Whoever stops sending within 2 s after the motors have stopped
+    on the ground finds it locked as well, for until then it counts as flying. Upside down in flight it stops the
+    motors, and it recovers when it is told to, once it is upright.
 
     Attributes:
         state: What it thinks the drone does.
         armed: It has been armed.
         tumbled: At the last look.
 
-    Source: crazyflie-firmware, documentation "Supervisor" with states, conditions, arming and crash handling.
+    Source: crazyflie-firmware (2026), documentation "Supervisor": states, conditions, arming, crash handling.
     """
 
     def __init__(self) -> None:
         self.state = State.NOT_PASSED
         self.armed = False
         self.tumbled = False
-        self._healthy = True
         self._crashed = False
-        self._emergency = False
+        self._stopped = False
         self._fed: int | None = None
         self._last_thrust: int | None = None
         self._entered = 0
@@ -115,64 +187,35 @@ class Supervisor:
 
     def stop(self) -> None:
         """Emergency: no motor turns again until it is switched off and on."""
-        self._emergency = True
+        self._stopped = True
 
     def feed(self, now: int) -> None:
         """A sign of life at `now`, ms. From the first one on, its absence is an emergency."""
         self._fed = now
 
-    def look(self, seen: Conditions, now: int) -> None:
+    def look(self, seen: Look, now: int) -> None:
         """Decide anew at `now`, ms."""
         if seen.thrust:
             self._last_thrust = now
         self.tumbled = seen.tumbled
-        after = self._next(seen, now)
+        conditions = self._conditions(seen, now)
+        after = next((state for holds, state in TRANSITIONS[self.state] if holds(conditions)), self.state)
         if after is not self.state:
             self.state, self._entered = after, now
             self._crashed |= after is State.CRASHED
             self.armed &= self.motors_may_run
 
-    def _next(self, seen: Conditions, now: int) -> State:  # noqa: PLR0911 - one line per transition
-        state, age = self.state, seen.setpoint_age
-        starved = self._fed is not None and now >= self._fed + FED_EVERY
-        emergency = self._emergency or starved
-        flying = self._last_thrust is not None and now - self._last_thrust < FLYING_FOR
-        if state is State.FREE_FALL:
-            return State.LOCKED
-        if state is State.CRASHED:
-            if emergency:
-                return State.LOCKED
-            return State.CRASHED if self._crashed or seen.tumbled else State.NOT_PASSED
-        if state is State.LOCKED:
-            return State.LOCKED
-        if emergency and state is not State.LANDED and state is not State.RESET:
-            return State.FREE_FALL
-        if state is State.NOT_PASSED:
-            return State.PASSED if seen.healthy and not seen.tumbled else state
-        if state is State.PASSED:
-            if seen.tumbled or not seen.healthy:
-                return State.NOT_PASSED
-            return State.READY if self.armed else state
-        if state is State.READY:
-            if seen.tumbled or not self.armed or now - self._entered > seen.ready_timeout:
-                return State.NOT_PASSED
-            return State.FLYING if flying else state
-        if state is State.FLYING:
-            if age > FALL_AFTER:
-                return State.FREE_FALL
-            if seen.tumbled:
-                return State.CRASHED
-            if not self.armed:
-                return State.RESET
-            if age > LEVEL_AFTER:
-                return State.LEVELLING
-            return state if flying else State.LANDED
-        if state is State.LEVELLING:
-            if age > FALL_AFTER or seen.tumbled:
-                return State.FREE_FALL
-            return state if age > LEVEL_AFTER else State.FLYING
-        if state is State.LANDED:
-            if not self.armed or now - self._entered > seen.landed_timeout:
-                return State.RESET
-            return State.FLYING if flying else state
-        return State.NOT_PASSED  # after RESET
+    def _conditions(self, seen: Look, now: int) -> Conditions:
+        here = now - self._entered
+        return Conditions(
+            armed=self.armed,
+            flying=self._last_thrust is not None and now - self._last_thrust < FLYING_FOR,
+            tumbled=seen.tumbled,
+            healthy=seen.healthy,
+            late=seen.setpoint_age > LEVEL_AFTER,
+            silent=seen.setpoint_age > FALL_AFTER,
+            emergency=self._stopped or (self._fed is not None and now >= self._fed + FED_EVERY),
+            crashed=self._crashed,
+            ready_too_long=here > seen.ready_timeout,
+            landed_too_long=here > seen.landed_timeout,
+        )

@@ -14,16 +14,12 @@ class Entry(NamedTuple):
     """One line of a table.
 
     Attributes:
-        group: First part of its name.
-        name: Second part.
+        name: 'group.name'.
         code: Type, and for parameters its properties, as this table writes them.
-        layout: How a value is packed, a letter of `struct`.
     """
 
-    group: str
     name: str
     code: int
-    layout: str
 
 
 class Table:
@@ -36,11 +32,10 @@ class Table:
     """
 
     def __init__(self, port: int, entries: Sequence[Entry], extra: bytes = b"") -> None:
-        self.entries = tuple(entries)
         self._port = port
-        self._items = [bytes((e.code,)) + f"{e.group}\0{e.name}\0".encode() for e in entries]
+        self._items = [bytes((e.code,)) + e.name.replace(".", "\0").encode() + b"\0" for e in entries]
         self._info = struct.pack("<HI", len(entries), zlib.crc32(bytes((port,)) + b"".join(self._items))) + extra
-        self._numbers = {f"{e.group}.{e.name}": number for number, e in enumerate(entries)}
+        self._numbers = {e.name: number for number, e in enumerate(entries)}
 
     def number(self, name: str) -> int | None:
         """The number of an entry, from 'group.name'; None if there is none."""

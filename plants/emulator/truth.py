@@ -1,10 +1,11 @@
 """What a drone really did, for tests: a file of JSON lines that is written while it happens."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import Any, NamedTuple, Self, TextIO
+from typing import Any, Self, TextIO
 
 SAMPLE = 20  # ms between two states
 
@@ -12,8 +13,8 @@ SAMPLE = 20  # ms between two states
 class Truth:
     """Writes the records of one drone. Each has a kind and a time, s, which is the drone's own since it began.
 
-    "state": position, m; velocity, m/s; roll, pitch (positive nose down), yaw, rad; motors, 0 .. 1; estimate, m; what the
-    supervisor thinks. "command": what came from a client. "event": see `firmware` and `drone`.
+    "state": position, m; velocity, m/s; angles: roll, pitch (positive nose down), yaw, rad; motors, 0 .. 1; estimate of
+    the position, m; what the supervisor thinks. "command": what came from a client. "event": see `Firmware`, `Drone`.
 
     Args:
         path: The file; None: nothing is kept.
@@ -46,7 +47,8 @@ class Truth:
             self._file.flush()
 
 
-class Record(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class Record:
     """One record of the truth.
 
     Attributes:
@@ -57,9 +59,9 @@ class Record(NamedTuple):
 
     kind: str
     time: float
-    fields: dict[str, Any]
+    fields: Mapping[str, Any]
 
-    def __getitem__(self, name: str) -> Any:  # type: ignore[override]
+    def __getitem__(self, name: str) -> Any:
         """One of the fields."""
         return self.fields[name]
 
@@ -74,6 +76,6 @@ def read_truth(path: Path) -> list[Record]:
     return records
 
 
-def rounded(values: Sequence[float], digits: int = 4) -> list[float]:
+def rounded(values: Iterable[float], digits: int = 4) -> list[float]:
     """Numbers short enough for a file."""
     return [round(float(value), digits) for value in values]
