@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from dcf_zenoh.plant import Array
+from dcf_zenoh.plant import Array, read_only
 from plants.crazyflie_cascade import POSITION_EVERY, TICK, Cascade
 from plants.crazyflie_dynamics import STATES, roll_pitch_yaw
 from plants.crazyflie_flight import fly
@@ -12,7 +12,7 @@ from plants.crazyflie_vehicle import COMMAND_MAX, Vehicle
 from plants.emulator.setpoints import Setpoint
 
 SLOT = POSITION_EVERY * TICK  # s
-CALM = np.zeros(3)
+CALM = read_only(np.zeros(3))
 NEAR = 0.1  # m above the ground, in which it is looked at in every tick
 
 
