@@ -69,7 +69,8 @@ class Body:
     @property
     def load(self) -> float:
         """Mean motor command over its maximum."""
-        return sum(self.motors.tolist()) / len(self.motors) / COMMAND_MAX
+        total: float = sum(self.motors.tolist())
+        return total / len(self.motors) / COMMAND_MAX
 
     @property
     def running(self) -> bool:
