@@ -1,5 +1,6 @@
 """``agentd emulate-crazyflie``: software Crazyflies that cflib connects to."""
 
+import math
 import signal
 import sys
 from argparse import Namespace
@@ -50,7 +51,9 @@ def emulate(options: Namespace) -> int:
                 truth=options.truth,
                 seed=options.seed or 0,
             )
-        except (OSError, ValueError) as error:
+        except OSError as error:
+            raise ConfigurationError(f"emulate-crazyflie: {error.filename}: {error.strerror}") from error
+        except ValueError as error:
             raise ConfigurationError(f"emulate-crazyflie: {error}") from error
         with emulation:
             for number, drone in emulation.drones.items():
@@ -73,6 +76,11 @@ def places(options: Namespace) -> "dict[int, Place]":
     """
     from plants.emulator.fleet import Place, around  # noqa: PLC0415
 
+    if not 0 <= options.loss <= 1:
+        raise ConfigurationError(f"emulate-crazyflie: expected --loss from 0 to 1, not {options.loss:g}")
+    for name in ("latency", "tail", "silences"):
+        if not 0 <= getattr(options, name) < math.inf:
+            raise ConfigurationError(f"emulate-crazyflie: expected --{name} >= 0, not {getattr(options, name):g}")
     if options.fleet is None:
         if not 1 <= options.n <= 100 or not 0 <= options.port <= 65536 - options.n:
             raise ConfigurationError("emulate-crazyflie: expected --n from 1 to 100, and --port so that all have one")

@@ -7,7 +7,7 @@ RANGES = {
     "rate": (10.0, 100.0, "Hz"),
     "speed_max": (0.05, 3.0, "m/s"),
     "state_age_max": (0.1, 1.5, "s"),
-    "hold_after": (0.1, 5.0, "s"),
+    "hold_after": (0.1, 10.0, "s"),
     "land_after": (0.2, 30.0, "s"),
     "battery_min": (3.0, 4.3, "V"),
     "battery_low": (2.8, 4.0, "V"),
@@ -56,7 +56,7 @@ def check_range(name: str, value: float, low: float, high: float, unit: str) -> 
         ValueError: It is, or is not a number.
     """
     if not low <= value <= high:
-        raise ValueError(f"{name} must be {low:g} to {high:g} {unit}, not {value:g}")
+        raise ValueError(f"{name} must be {low:g} to {high:g}{unit and ' '}{unit}, not {value:g}")
 
 
 def allowed_height(height: float) -> float:

@@ -22,12 +22,14 @@ from plants.crazyflie_pose import Pose
 from plants.crazyflie_stream import Point
 from plants.crazyflie_uri import check_uri
 from plants.crazyflie_vitals import ARMED, Vitals
+from plants.crazyflie_watch import WITHOUT_SETPOINTS
 
 log = logging.getLogger(__name__)
 
 ARMING = 3.0  # s
 STILL, STILL_FOR = 0.1, 1.0  # m/s, and for how long, in s: it hovers
 SETTLING = 10.0  # s
+STUCK = 0.5  # s
 
 
 class Craft(NamedTuple):
@@ -253,7 +255,7 @@ class CrazyflieHardware(Plant):
             PlantError: It does not fly any more; the message says why.
         """
         motion = self._flying().vitals.motion
-        return State(motion.position_after(motion.age), motion.velocity)
+        return State(motion.position_after(min(motion.age, self._bounds.state_age_max)), motion.velocity)
 
     def act(self, setpoint: Setpoint, now: int) -> None:  # noqa: ARG002
         """Follow the setpoint's acceleration by way of `reference`; without one, brake and hover.
@@ -319,10 +321,11 @@ class CrazyflieHardware(Plant):
         link, _, pilot = craft
         for pause in pilot.land():
             if pilot.airborne and link.lost:
-                break
+                before = f"{pilot.failure}; then " if pilot.failure else ""
+                raise PlantError(f"not seen to land: {before}link lost ({link.lost}): {WITHOUT_SETPOINTS}")
             yield pause
         if pilot.airborne:
-            raise PlantError(pilot.failure or f"it was not seen to land: {link.lost or 'no reason is known'}")
+            raise PlantError(f"not seen to land: {pilot.failure or 'no reason is known'}")
 
     def _velocity(self, setpoint: Setpoint) -> Array:
         """The velocity that `setpoint` leads to within one sample, in as many dimensions as it has."""
@@ -348,9 +351,9 @@ class CrazyflieHardware(Plant):
         if failure := pilot.failure or ("" if pilot.airborne else "it has landed"):
             state = "is landing" if pilot.airborne else "landed"
             raise PlantError(f"{self._name}: {state}: {failure}")
-        motion_age = craft.vitals.motion.age
-        if motion_age > self._bounds.state_age_max + 0.2:
-            raise PlantError(f"{self._name}: its state is {motion_age:.2f} s old")
+        age, allowed = craft.vitals.motion.age, self._bounds.state_age_max
+        if age > allowed + STUCK:  # the pilot would have said so, but waits for the link
+            raise PlantError(f"{self._name}: its state is {age:.2f} s old, at most {allowed:g} s is allowed")
         return craft
 
     @contextmanager

@@ -17,7 +17,7 @@ from plants.crazyflie_watch import POSE_AGE_MAX, STOPS
 
 KALMAN = 2
 RESETTING = 0.1  # s between the two words that start the estimator anew
-SETTLING = 10.0  # s
+SETTLING = 6.0  # s
 QUIET_FOR = 1.0  # s for which the estimator has to be sure
 VARIANCE_MAX = 0.001  # m²; 3 cm
 SHARE_MIN = 0.8  # of the packets

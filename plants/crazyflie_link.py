@@ -55,6 +55,7 @@ class Link:
         self._failure = ""
         self._answers: dict[tuple[int, int, bytes], tuple[float, bytes]] = {}
         self._accepted = 0.0
+        self._opening: threading.Thread | None = None
         self.crazyflie: Any = Crazyflie(rw_cache=str(cache))
         crazyflie = self.crazyflie
         self.platform: Any = crazyflie.platform
@@ -95,8 +96,8 @@ class Link:
             deadline: By the monotonic clock, in s.
         """
         self._heard = began = time.monotonic()
-        opening = threading.Thread(target=self.crazyflie.open_link, args=(self._uri,), name="open-link", daemon=True)
-        opening.start()  # in a thread, for TCP connects with a time-out of minutes
+        self._opening = threading.Thread(target=self.crazyflie.open_link, args=(self._uri,), daemon=True)
+        self._opening.start()  # a thread, for TCP connects with a time-out of minutes
         while not self._connected:
             if self._failure:
                 return self._failure
@@ -118,8 +119,10 @@ class Link:
 
     def discard(self) -> None:
         """The same, but it may block for ever."""
-        driver, self.crazyflie.link = self.crazyflie.link, None
         self._failure = self._failure or "closed"
+        if self._opening is not None:
+            self._opening.join()
+        driver, self.crazyflie.link = self.crazyflie.link, None
         if driver is not None:
             driver.close()
         self.crazyflie.close_link()

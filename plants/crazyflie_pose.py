@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 import struct
 import time
 from typing import Any, NamedTuple
@@ -47,16 +48,17 @@ class Pose:
         import zenoh  # noqa: PLC0415 - most drones measure for themselves
 
         config = zenoh.Config()
-        if self._endpoint:
-            config.insert_json5("connect/endpoints", json.dumps([self._endpoint]))
-            config.insert_json5("scouting/multicast/enabled", "false")
-            config.insert_json5("scouting/gossip/enabled", "false")
-            config.insert_json5("listen/endpoints", "[]")
         try:
+            if self._endpoint:
+                config.insert_json5("connect/endpoints", json.dumps([self._endpoint]))
+                config.insert_json5("scouting/multicast/enabled", "false")
+                config.insert_json5("scouting/gossip/enabled", "false")
+                config.insert_json5("listen/endpoints", "[]")
             self._session = zenoh.open(config)
             self._session.declare_subscriber(self._key, self._receive)
         except zenoh.ZError as error:
-            raise PlantError(f"pose {self._key!r} at {self._endpoint or 'no endpoint'}: {error}") from error
+            plain = re.sub(r"\s*\bat \S+\.rs:\d+\.?", "", str(error))  # without the places in its source
+            raise PlantError(f"pose {self._key!r} at {self._endpoint or 'no endpoint'}: {plain}") from error
 
     @property
     def age(self) -> float:

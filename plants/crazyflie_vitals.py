@@ -33,7 +33,8 @@ class Motion(NamedTuple):
     """Where the drone is, as its estimator has it.
 
     Attributes:
-        at: When this came, by the monotonic clock, in s.
+        at: When this came, by the monotonic clock, in s. Where position and velocity come again and again without any
+            change, when they came first: then the estimator stands still; in the air nothing stays exactly the same.
         position: Shape (3,), in m, world frame.
         velocity: Shape (3,), in m/s, world frame.
         yaw: Counter-clockwise from the x axis, in rad.
@@ -95,7 +96,8 @@ class Vitals:
         self._link = link
         self._motion: Motion | None = None
         self._health: Health | None = None
-        self._stamps: deque[int] = deque(maxlen=WINDOW)  # of the receiving thread alone
+        self._moving: list[float] = []  # this and the next: of the receiving thread alone
+        self._stamps: deque[int] = deque(maxlen=WINDOW)
         self.share = 0.0
 
     def listen(self) -> Iterator[float]:
@@ -129,8 +131,10 @@ class Vitals:
         return self._health
 
     def _receive_motion(self, instant: int, values: dict[str, float]) -> None:
-        x, y, z, vx, vy, vz, yaw = (values[name] for name in MOTION)
-        self._motion = Motion(time.monotonic(), read_only([x, y, z]), read_only([vx, vy, vz]), math.radians(yaw))
+        *moving, yaw = (values[name] for name in MOTION)
+        if moving != self._moving:
+            self._moving = moving
+            self._motion = Motion(time.monotonic(), read_only(moving[:3]), read_only(moving[3:]), math.radians(yaw))
         self._stamps.append(instant)
         span = (self._stamps[-1] - self._stamps[0]) & 0xFFFFFF  # the drone's clock has 24 bits
         self.share = min(1.0, (len(self._stamps) - 1) * MOTION_PERIOD / span) if span else 0.0

@@ -24,7 +24,7 @@ class Battery:
     @property
     def level(self) -> int:
         """In per cent, in steps of 10, as the firmware reckons it."""
-        return 10 * max(0, sum(self.voltage > level for level in LEVELS) - 1)
+        return 10 * min(9, sum(self.voltage > level for level in LEVELS))
 
     @property
     def state(self) -> int:

@@ -78,5 +78,6 @@ class Belief:
         if self._estimator is not None:
             self._estimator.step(position, velocity, duration, measured=measured)
         if not self.frozen:
-            known = np.concatenate((position, velocity)) if self._estimator is None else self._estimator.estimate
-            self.estimate = known + np.concatenate((self._error, np.zeros(3)))
+            known = np.concatenate((position, velocity)) if self._estimator is None else self._estimator.estimate.copy()
+            known[:3] += self._error
+            self.estimate = known

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from dcf_zenoh.plant import Array
+from dcf_zenoh.plant import Array, read_only
 from plants.crazyflie_cascade import POSITION_EVERY, TICK, Cascade
 from plants.crazyflie_dynamics import STATES, roll_pitch_yaw
 from plants.crazyflie_flight import fly
@@ -12,8 +12,8 @@ from plants.crazyflie_vehicle import COMMAND_MAX, Vehicle
 from plants.emulator.setpoints import Setpoint
 
 SLOT = POSITION_EVERY * TICK  # s
-CALM = np.zeros(3)
-NEAR = 0.1  # m above the ground, in which it is looked at in every tick
+CALM = read_only(np.zeros(3))
+NEAR = 0.1  # m above the ground, below which its fall is looked at in every tick
 
 
 class Body:
@@ -69,7 +69,13 @@ class Body:
     @property
     def load(self) -> float:
         """Mean motor command over its maximum."""
-        return float(self.motors.mean()) / COMMAND_MAX
+        total: float = sum(self.motors.tolist())
+        return total / len(self.motors) / COMMAND_MAX
+
+    @property
+    def running(self) -> bool:
+        """Whether a motor turns, or is told to."""
+        return any(self.motors.tolist())
 
     @property
     def in_the_air(self) -> bool:
@@ -85,7 +91,7 @@ class Body:
     def fly(self, setpoint: Setpoint, estimate: Array) -> None:
         """One slot; `estimate` is what it believes of position and velocity, shape (6,)."""
         self.touchdown = None
-        if self.state[2] > NEAR + abs(self.state[9]) * SLOT:
+        if not 0.0 < self.state[2] < NEAR + abs(self.state[9]) * SLOT:
             self._fly(setpoint, estimate, POSITION_EVERY)
         else:
             for _ in range(POSITION_EVERY):

@@ -67,7 +67,7 @@ def _kill_link(drone: Drone, now: float, words: list[str]) -> str:  # noqa: ARG0
 
 
 def _restore_link(drone: Drone, now: float, words: list[str]) -> str:  # noqa: ARG001
-    drone.radio.restore(now)
+    drone.restore(now)
     return ""
 
 

@@ -55,6 +55,11 @@ class Drone:
             self.endpoint.send(wire)
         self._heed_the_link(until)
 
+    def restore(self, now: float) -> None:
+        """Bring the link back at `now`, s, if it was cut; it is back on return."""
+        self.radio.restore(now)
+        self._heed_the_link(now)
+
     def _take_in(self, now: float) -> None:
         """Hand over all packets that have arrived by `now`, s."""
         for arrived, wire in self.radio.up.arrive(now):

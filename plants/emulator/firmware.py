@@ -142,7 +142,7 @@ class Firmware:
         """The supervisor looks."""
         before = self.supervisor.state
         seen = Look(
-            thrust=bool(self.body.motors.max() > 0),
+            thrust=self.body.running,
             tumbled=self.upside_down,
             setpoint_age=self.now - self.commander.since,
             healthy=self.healthy,
@@ -161,7 +161,7 @@ class Firmware:
 
     def _observe(self) -> None:
         """Record what became of the slot."""
-        body, running = self.body, bool(self.body.motors.max() > 0)
+        body, running = self.body, self.body.running
         height = float(body.position[2])
         if not self._airborne and height > AIRBORNE:
             self._airborne = True

@@ -61,7 +61,7 @@ class Emulation:
 
     Raises:
         ValueError: There are no such parameters.
-        OSError: A port is taken.
+        OSError: A port is taken; the URI is its file name.
     """
 
     def __init__(
@@ -91,7 +91,10 @@ class Emulation:
             self.begin = time.monotonic()
             for number, (firmware, radio, endpoint) in made.items():
                 self._stack.callback(endpoint.close)
-                self.drones[number] = Drone(firmware, radio, endpoint, self.begin)
+                try:
+                    self.drones[number] = Drone(firmware, radio, endpoint, self.begin)
+                except OSError as error:
+                    raise OSError(error.errno, error.strerror, endpoint.uri) from error
             failing.pop_all()
 
     def __enter__(self) -> Self:

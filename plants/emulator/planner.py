@@ -135,7 +135,8 @@ class Planner:
     def tell(self, position: Array, velocity: Array, yaw: float) -> None:
         """Where the drone is; a plan that begins while there is none begins here."""
         if self.phase is Phase.IDLE:
-            self._here, self._velocity = np.append(position, yaw), np.append(velocity, 0.0)
+            self._here = np.array([*position.tolist(), yaw])
+            self._velocity = np.array([*velocity.tolist(), 0.0])
 
     def setpoint(self, now: int) -> Setpoint:
         """What to follow at `now`, ms."""

@@ -52,6 +52,7 @@ class Way:
     def forget(self) -> None:
         """Lose what is under way."""
         self._under_way.clear()
+        self._last = 0.0
 
     def waiting(self, now: float) -> int:
         """How many packets have not arrived by `now`, s."""
@@ -119,7 +120,7 @@ class Radio:
         delay = self._air.latency + (self._rng.exponential(self._air.tail) if self._air.tail else 0.0)
         if self.connected and self.loss and self._rng.random() < self.loss:
             return
-        if now < self._silent_until:
+        if self._silent_from <= now < self._silent_until:
             if way.waiting(now) < HELD:
                 way.send(self._silent_until + delay, wire)
             return
