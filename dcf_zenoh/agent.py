@@ -104,8 +104,7 @@ class Agent:
         try:
             step, last = yield from self._fly()
             now = yield Wait(step * self._sample_time)
-            with blaming(PlantError, f"agent {self._me.id}: sense"):
-                state = self._plant.sense(now)
+            state = self._last_state(now)
         except Exception as error:
             yield self._exchange.goodbye(NEVER, 0, Last.FAILED)
             yield from self._come_down(error)
@@ -116,6 +115,13 @@ class Agent:
         remark = str(self._why_landed or self._holding)
         self._recorder.end(reason, now, state, remark, self._exchange.counts)
         return Ending(last, self._why_landed)
+
+    def _last_state(self, now: int) -> State:
+        """The state at the end; of a body that had to come down, which may be able to say nothing any more, none."""
+        if self._why_landed:
+            return State()
+        with blaming(PlantError, f"agent {self._me.id}: sense"):
+            return self._plant.sense(now)
 
     def _fly(self) -> Loop[tuple[int, Last]]:
         """Begin, and control step by step; the first step that is not taken, and why it is not."""

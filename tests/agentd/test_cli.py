@@ -111,8 +111,9 @@ def test_all_problems_of_a_fleet_are_told_at_once(trio: Path, agentd: Callable[.
         f"agentd: {trio}: time.duration: expected a number > 0 (length of the run, s), not -1.0",
         f"agentd: {trio}: agents.2.start: expected a list of numbers (position before the first step, m),"
         " not [1.0, 'far']",
-        f"agentd: {trio}: sed: a fleet file has no key 'sed'; did you mean 'seed'? accepted: name, seed, plant, arena, time,"
-        " exchange, topology, problem, algorithm, algorithms, controller, plants, agents, faults, safety, log, zenoh",
+        f"agentd: {trio}: sed: a fleet file has no key 'sed'; did you mean 'seed'? accepted: name, seed, plant, arena,"
+        " time, exchange, topology, problem,"
+        " algorithm, algorithms, controller, plants, agents, faults, safety, log, zenoh",
     ]
 
 
