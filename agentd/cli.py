@@ -23,6 +23,7 @@ FLEET is a fleet file (TOML) or the name of a built-in fleet; RUN is the directo
   agentd launch position_swap                 four daemons over Zenoh, on the wall clock
   agentd launch position_swap --clock virtual the same bits as simulate, over Zenoh
   agentd fault RUN --from 1 --to 2 loss 0.3   change a fleet while it runs
+  agentd compare position_swap --vary plant=point,twin
   agentd check my_fleet.toml --set exchange.max_rounds=40
   agentd COMMAND --help                       what a command does, and all its options"""
 
@@ -108,6 +109,13 @@ def _parser() -> argparse.ArgumentParser:
     diff.add_argument(
         "--tolerance", type=float, default=0.0, metavar="X", help="largest deviation that is no difference"
     )
+    compare = command("compare", commands.compare, "run variants of a fleet and draw them side by side", fleet)
+    compare.add_argument(
+        "--vary", action="append", required=True, metavar="KEY=A,B", help="what the variants differ in; may be repeated"
+    )
+    compare.add_argument("--launch", action="store_true", help="daemons for every variant, on the clock of the fleet")
+    compare.add_argument("--out", type=Path, metavar="DIR", help="for all of it (default: a new one below runs/)")
+    compare.add_argument("--json", action="store_true", help="print one JSON object and nothing else")
     links = command("links", commands.links, "say how well each link of a run did, and export it for a replay")
     links.add_argument("run", type=Path, metavar="RUN")
     links.add_argument("--json", action="store_true", help="print one JSON object, times in s")
