@@ -22,6 +22,7 @@ FLEET is a fleet file (TOML) or the name of a built-in fleet; RUN is the directo
   agentd launch position_swap                 four daemons over Zenoh, on the wall clock
   agentd launch position_swap --clock virtual the same bits as simulate, over Zenoh
   agentd fault RUN --from 1 --to 2 loss 0.3   change a fleet while it runs
+  agentd compare position_swap --vary plant=point,twin
   agentd check my_fleet.toml --set exchange.max_rounds=40
   agentd COMMAND --help                       what a command does, and all its options"""
 

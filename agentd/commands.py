@@ -220,6 +220,30 @@ def diff(options: Namespace) -> int:
     return 0 if difference.identical else 1
 
 
+def compare(options: Namespace) -> int:
+    """Run FLEET once for every variant, and draw the variants side by side: paths, times, rounds; and a table.
+
+    --vary takes plant, algorithm, topology, seed or clock, as the options of these names do, or any key of a fleet
+    file; several --vary make all combinations. What varies wins over all other options.
+
+      agentd compare position_swap --vary plant=point,twin
+      agentd compare position_swap_lossy --vary faults.loss=0.1,0.3 --vary seed=1,2,3
+
+    A variant is simulated, in virtual time, unless its clock is said to be the wall clock (--clock, or --vary clock) or
+    a plant of it is real: then it is launched as daemons in real time. With --launch all are launched, on the clock of
+    the fleet.
+
+    The table, which is also in comparison.csv: when all had arrived; overshoot: how far an agent was beyond its target,
+    at most, along the line from its start; least distance and barrier value; for how long the barrier value was
+    negative, and how often; RMS distance from where the plan of the step before said that a body would be; rounds;
+    negotiation; deadlines missed. All at the samples. The exit code is 1 if a variant failed; the others run all the
+    same.
+    """
+    from agentd.compare import compare_variants  # noqa: PLC0415
+
+    return compare_variants(options)
+
+
 def links(options: Namespace) -> int:
     """Print how well each link of RUN did: messages, losses and by what, latency, longest gap, clock offset.
 

@@ -18,10 +18,9 @@ from agentd.operators import in_foreground
 from agentd.pilot import Pilot
 from agentd.rundir import free_endpoints, write_about
 from dcf_zenoh.config import LoadedFleet, freeze
+from dcf_zenoh.configuration.parts import plant_classes
 from dcf_zenoh.errors import ConfigurationError, DcfError, Interrupted
 from dcf_zenoh.messaging.network import check_settings
-from dcf_zenoh.plant import Plant
-from dcf_zenoh.plugins import load
 
 REACTION = 2.0  # s the others get to end by themselves after one has failed
 LINGER = 30.0  # s the others get to end after one has reached its planned end
@@ -76,7 +75,7 @@ def launch(fleet: LoadedFleet, folder: Path, show: Show, say: Say, *, yes: bool 
         ConfigurationError: Real bodies shall fly, and nobody is there to agree to it.
     """
     check_settings(fleet.spec.zenoh.settings)
-    plants = plant_classes(fleet)
+    plants = plant_classes(fleet.spec, fleet.folder)
     real = any(plant.real for plant in plants)
     landing = max((plant.landing_time for plant in plants), default=0.0)
     if real and not yes and not in_foreground():
@@ -113,13 +112,6 @@ def launch(fleet: LoadedFleet, folder: Path, show: Show, say: Say, *, yes: bool 
         raise Interrupted(f"stopped by {interrupted.name}", interrupted)
     if found := problems.causes or problems.effects:
         raise FleetFailed("; ".join(found))
-
-
-def plant_classes(fleet: LoadedFleet) -> set[type[Plant]]:
-    """The kinds of all bodies of a fleet."""
-    kinds = {own.plant.kind for own in map(fleet.spec.agent, fleet.spec.ids) if own.plant}
-    found = {load("plants", kind, fleet.folder) for kind in kinds}
-    return {kind for kind in found if isinstance(kind, type) and issubclass(kind, Plant)}
 
 
 def _supervise(

@@ -33,6 +33,14 @@ def add_flights(command: Add, fleet: Parser, results: Parser) -> None:
     run.add_argument("--supervised", action="store_true", help=argparse.SUPPRESS)
     command("simulate", commands.simulate, "run a fleet in this process, in virtual time", fleet, results)
     command("preflight", commands.preflight, "connect to the bodies of a fleet and say what shape they are in", fleet)
+    compare = command("compare", commands.compare, "run variants of a fleet and draw them side by side", fleet)
+    compare.add_argument(
+        "--vary", action="append", required=True, metavar="KEY=A,B", help="what the variants differ in; may be repeated"
+    )
+    compare.add_argument("--launch", action="store_true", help="daemons for every variant, on the clock of the fleet")
+    compare.add_argument("--yes", action="store_true", help="real bodies may take off without a key press")
+    compare.add_argument("--out", type=Path, metavar="DIR", help="for all of it (default: a new one below runs/)")
+    compare.add_argument("--json", action="store_true", help="print one JSON object and nothing else")
     check = command("check", commands.check, "check a fleet file and print it with all defaults", fleet)
     check.add_argument("--load", action="store_true", help="also run the code of plug-ins, to check their types")
     plugins = command("plugins", commands.plugins, "list all kinds that a fleet file can name, with their keys")

@@ -11,6 +11,7 @@ from dcf_zenoh.agent import Agent, Ending
 from dcf_zenoh.algorithms.algorithm import Me
 from dcf_zenoh.config import LoadedFleet, graph_of, weights_of
 from dcf_zenoh.configuration.fault_links import links_to, margin_of, needs_positions
+from dcf_zenoh.configuration.parts import plant_of, problem_of
 from dcf_zenoh.controllers.controller import Controller
 from dcf_zenoh.exchange import Exchange
 from dcf_zenoh.fate import Fate
@@ -18,8 +19,8 @@ from dcf_zenoh.faults.link import Link
 from dcf_zenoh.flight import first_number
 from dcf_zenoh.graph import Graph, Neighbourhood
 from dcf_zenoh.messaging.mailbox import Mailbox
-from dcf_zenoh.plant import Array, NoPlant, Plant, State, read_only
-from dcf_zenoh.plugins import accepted, bind, create, load
+from dcf_zenoh.plant import Array, Plant, State
+from dcf_zenoh.plugins import bind, create, load
 from dcf_zenoh.reception import Reception
 from dcf_zenoh.recording import Recorder, StepRecord
 from dcf_zenoh.requests import Loop
@@ -102,16 +103,10 @@ class Blueprint:
             PluginError: A constructor refused its options.
         """
         spec, folder = self.fleet.spec, self.fleet.folder
-        own = spec.agent(agent)
         hood = self.hood(agent)
         me = Me(agent, spec.ids, hood, np.random.Generator(np.random.Philox([spec.seed, agent])))
-        known = self._known(agent)
-        where = f"agents.{agent}"
-        poser = load("problems", own.problem.kind, folder)
-        nominal = {"nominal": accepted(poser).complete(spec.problem.options)}
-        problem = create(poser, known | nominal, own.problem.options, f"{where}: problem")
+        problem, plant = problem_of(spec, folder, agent), self.plant(agent)
         algorithm = bind(load("algorithms", spec.algorithm.kind, folder), spec.algorithm.options, "algorithm")
-        plant = self.plant(agent)
         control = spec.controller_kind
 
         def renew() -> Controller:
@@ -129,7 +124,7 @@ class Blueprint:
         reception = Reception(
             mailbox, links, hold=rounds.missing == "hold", silent_after=rounds.silent_after, watch=not virtual
         )
-        fate = Fate(own.faults, (lambda now, until: exchange.away(0, now, until)) if virtual else None)
+        fate = Fate(spec.agents[agent].faults, (lambda now, until: exchange.away(0, now, until)) if virtual else None)
         exchange = Exchange(
             agent,
             lambda _step: hood,
@@ -156,22 +151,7 @@ class Blueprint:
         Raises:
             PluginError: Its constructor refused its options.
         """
-        own = self.fleet.spec.agent(agent).plant
-        if own is None:
-            return NoPlant()
-        kind = load("plants", own.kind, self.fleet.folder)
-        return cast(Plant, create(kind, self._known(agent), own.options, f"agents.{agent}: plant"))
-
-    def _known(self, agent: int) -> dict[str, Any]:
-        """What plug-ins may ask of the framework, by name."""
-        spec = self.fleet.spec
-        return {
-            "agent": agent,
-            "agents": spec.ids,
-            "sample_time": spec.time.sample_time,
-            "start": read_only(spec.agent(agent).start),
-            "rng": np.random.Generator(np.random.Philox([spec.seed, agent, 1])),
-        }
+        return plant_of(self.fleet.spec, self.fleet.folder, agent)
 
 
 def _rhythm(spec: FleetSpec, agent: int) -> Rhythm:
