@@ -10,7 +10,7 @@ from dcf_zenoh.spec import NonNegativeFloat, PositiveFloat
 
 @needs(CoupledProblem, traits=("strongly_convex",), doubly_stochastic=True)
 def dual_subgradient(
-    problem: CoupledProblem, me: Me, *, step: PositiveFloat = 1.0, decay: NonNegativeFloat = 0.6
+    problem: CoupledProblem, me: Me, *, step: PositiveFloat = 1.0, decay: NonNegativeFloat = 0.7
 ) -> Dialogue[Result]:
     """Mix the prices of what is shared, decide at that price, and raise it where the own share is overdrawn.
 
