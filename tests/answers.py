@@ -4,12 +4,14 @@ from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.optimize import minimize
 
 from dcf_zenoh.algorithms.algorithm import Algorithm
 from dcf_zenoh.graph import Graph
 from dcf_zenoh.plant import Array
 from dcf_zenoh.problems.absolute_value import AbsoluteValue
 from dcf_zenoh.problems.cournot import Cournot
+from dcf_zenoh.problems.lasso import Lasso
 from dcf_zenoh.problems.quadratic import Quadratic
 from dcf_zenoh.problems.quadratic_game import QuadraticGame
 from dcf_zenoh.problems.resource_allocation import ResourceAllocation
@@ -72,6 +74,21 @@ def random_quadratic(seed: int, agents: tuple[int, ...], size: int = 3) -> tuple
     }
     answer: Array = (weights * centres).sum(axis=0) / weights.sum(axis=0)
     return problems, answer
+
+
+def lasso(seed: int, agents: tuple[int, ...]) -> tuple[dict[int, Lasso], Array]:
+    """Data of four agents, and the answer by L-BFGS-B, for x = p - n with p, n >= 0."""
+    problems = {i: Lasso(i, agents, size=6, rows=5, seed=seed, l1=2.0) for i in agents}
+    A, b = np.vstack([each.A for each in problems.values()]), np.concatenate([each.b for each in problems.values()])
+
+    def cost(v: Array) -> tuple[float, Array]:
+        missed = A @ (v[:6] - v[6:]) - b
+        slope = A.T @ missed
+        return float(missed @ missed / 2 + 2.0 * v.sum()), np.concatenate((slope, -slope)) + 2.0
+
+    options = {"ftol": 1e-15, "gtol": 1e-12, "maxiter": 10_000, "maxfun": 100_000}
+    v = minimize(cost, np.zeros(12), jac=True, bounds=[(0, None)] * 12, method="L-BFGS-B", options=options).x
+    return problems, v[:6] - v[6:]
 
 
 def everywhere(value: float | Array, agents: tuple[int, ...] = AGENTS) -> dict[int, Array]:

@@ -65,8 +65,10 @@ def _check_problem(needed: Needs, spec: FleetSpec, kind: Plugin | None, problems
     else:
         return
     if posed is not None and (wrong := needed.of_problem(posed, name)):
-        others = [each for each in sorted(known("algorithms")) if _solves(each, posed)]
-        problems.add("algorithm.kind", f"{wrong}; those that can solve it: {listed(others)}")
+        if issubclass(posed, Problem):
+            able = [each for each in sorted(known("algorithms")) if _solves(each, posed)]
+            wrong += f"; those that can solve it: {listed(able)}"
+        problems.add("algorithm.kind", wrong)
 
 
 def _posed_by(kind: type) -> type | None:

@@ -23,11 +23,11 @@ from tests.answers import (
     each,
     everywhere,
     graph,
+    lasso,
     median,
     quadratic,
     two_players,
 )
-from tests.dcf_zenoh.algorithms.test_consensus import lasso
 from tests.references import INSTANCES, Reference
 from topologies.ring import ring
 

@@ -4,7 +4,6 @@ from functools import partial
 
 import numpy as np
 import pytest
-from scipy.optimize import minimize
 
 from dcf_zenoh.algorithms.admm_tracking_gradient import admm_tracking_gradient
 from dcf_zenoh.algorithms.algorithm import Algorithm
@@ -16,8 +15,6 @@ from dcf_zenoh.algorithms.extra import extra
 from dcf_zenoh.algorithms.gradient_tracking import gradient_tracking
 from dcf_zenoh.algorithms.subgradient import subgradient
 from dcf_zenoh.graph import metropolis
-from dcf_zenoh.plant import Array
-from dcf_zenoh.problems.lasso import Lasso
 from dcf_zenoh.testing import lossy
 from tests.answers import (
     AGENTS,
@@ -25,6 +22,7 @@ from tests.answers import (
     course,
     everywhere,
     graph,
+    lasso,
     median,
     quadratic,
     random_graph,
@@ -124,21 +122,6 @@ def test_constant_steps_leave_the_bias_of_their_fixed_point(topology: str, step:
     assert found.error < 1e-10
     if (topology, step) == ("complete", 0.04):
         assert abs(fixed - 1.0).max() == pytest.approx(0.16, abs=1e-12)
-
-
-def lasso(seed: int, agents: tuple[int, ...]) -> tuple[dict[int, Lasso], Array]:
-    """Data of four agents, and the answer by L-BFGS-B, for x = p - n with p, n >= 0."""
-    problems = {i: Lasso(i, agents, size=6, rows=5, seed=seed, l1=2.0) for i in agents}
-    A, b = np.vstack([each.A for each in problems.values()]), np.concatenate([each.b for each in problems.values()])
-
-    def cost(v: Array) -> tuple[float, Array]:
-        missed = A @ (v[:6] - v[6:]) - b
-        slope = A.T @ missed
-        return float(missed @ missed / 2 + 2.0 * v.sum()), np.concatenate((slope, -slope)) + 2.0
-
-    options = {"ftol": 1e-15, "gtol": 1e-12, "maxiter": 10_000, "maxfun": 100_000}
-    v = minimize(cost, np.zeros(12), jac=True, bounds=[(0, None)] * 12, method="L-BFGS-B", options=options).x
-    return problems, v[:6] - v[6:]
 
 
 @pytest.mark.parametrize("seed", range(3))

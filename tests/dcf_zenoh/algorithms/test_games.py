@@ -89,8 +89,8 @@ def random_game(seed: int, agents: tuple[int, ...]) -> tuple[Problems, dict[int,
     assert np.linalg.eigvalsh((M + M.T) / 2).min() > 0.1
     r = rng.normal(size=n)
     problems = {i: QuadraticGame(i, agents, row=M[k].tolist(), constant=float(r[k])) for k, i in enumerate(agents)}
-    x: Array = np.linalg.solve(M, -r)
-    return dict(problems), {i: x[[k]] for k, i in enumerate(agents)}
+    x = np.linalg.solve(M, -r)
+    return dict(problems), {i: np.array([x[k]]) for k, i in enumerate(agents)}
 
 
 @pytest.mark.parametrize("seed", range(4))
