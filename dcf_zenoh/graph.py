@@ -1,7 +1,7 @@
 """Directed communication graphs, what an agent sees of one, and weight matrices on it."""
 
 from collections import deque
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -140,30 +140,81 @@ def metropolis(graph: Graph) -> Array:
     Raises:
         TopologyError: The graph has a link without its opposite.
     """
+    _check_undirected(graph, "Metropolis")
+    degree = {agent: len(graph.in_neighbours(agent)) for agent in graph.agents}
+    return _symmetric(graph, lambda i, j: 1.0 / (1.0 + max(degree[i], degree[j])))
+
+
+def laplacian(graph: Graph, step: float | None = None) -> Array:
+    """Equal weights for all neighbours: W = I - step L with the graph's Laplacian L. Doubly stochastic.
+
+    Source: Olfati-Saber, Fax, Murray, "Consensus and cooperation in networked multi-agent systems", 2007, eq. (19).
+
+    Args:
+        graph: Undirected.
+        step: Less than 1 / d with d the most neighbours that an agent has; None: 1 / (1 + d).
+
+    Raises:
+        TopologyError: The graph has a link without its opposite, or the step is too large.
+    """
+    _check_undirected(graph, "Laplacian")
+    most = max(len(graph.in_neighbours(agent)) for agent in graph.agents)
+    weight = 1.0 / (1.0 + most) if step is None else step
+    if not 0 < weight * most < 1 and most:
+        raise TopologyError(
+            f"weight_step must be less than 1 / {most}, as there is an agent with {most} neighbours, not {weight:g}"
+        )
+    return _symmetric(graph, lambda _i, _j: weight)
+
+
+def _check_undirected(graph: Graph, weights: str) -> None:
     if not graph.undirected:
         i, j = min(link for link in graph.links if link[::-1] not in graph.links)
         raise TopologyError(
-            f"Metropolis weights need an undirected graph, and link {i} -> {j} has no opposite; use weights = 'uniform'"
+            f"{weights} weights need an undirected graph, and link {i} -> {j} has no opposite; use weights = 'uniform'"
         )
-    degree = {agent: len(graph.in_neighbours(agent)) for agent in graph.agents}
+
+
+def _symmetric(graph: Graph, weight: Callable[[int, int], float]) -> Array:
+    """Weights of pairs of neighbours, and of each agent itself what is left."""
     column = {agent: place for place, agent in enumerate(graph.agents)}
     matrix = np.zeros((len(graph.agents), len(graph.agents)))
     for row, i in enumerate(graph.agents):
         for j in graph.in_neighbours(i):
-            matrix[row, column[j]] = 1.0 / (1.0 + max(degree[i], degree[j]))
+            matrix[row, column[j]] = weight(i, j)
         matrix[row, row] = 1.0 - matrix[row].sum()
     return matrix
 
 
 def uniform(graph: Graph) -> Array:
     """Equal weights 1 / (1 + in-degree) on an agent and all it hears. Row-stochastic on any graph."""
+    return _by_rows(graph, lambda _row, heard: (1.0 / (1 + heard), 1.0 / (1 + heard)))
+
+
+def uneven(graph: Graph) -> Array:
+    """Agent number k = 1, 2, ... in order of ids keeps k / (k + 1) for itself, and those it hears share the rest.
+
+    Row-stochastic on any graph, and doubly stochastic on next to none, not even on a directed ring: to see what an
+    algorithm does then.
+    """
+    return _by_rows(graph, lambda row, heard: ((row + 1) / (row + 2), 1.0 / (row + 2) / heard) if heard else (1.0, 0.0))
+
+
+def _by_rows(graph: Graph, weights: Callable[[int, int], tuple[float, float]]) -> Array:
+    """Of an agent's row and how many it hears: the weights of the agent itself and of each that it hears."""
     column = {agent: place for place, agent in enumerate(graph.agents)}
     matrix = np.zeros((len(graph.agents), len(graph.agents)))
     for row, i in enumerate(graph.agents):
-        heard = (i, *graph.in_neighbours(i))
+        heard = graph.in_neighbours(i)
+        matrix[row, row], other = weights(row, len(heard))
         for j in heard:
-            matrix[row, column[j]] = 1.0 / len(heard)
+            matrix[row, column[j]] = other
     return matrix
 
 
-WEIGHTS = {"metropolis": metropolis, "uniform": uniform}
+WEIGHTS: dict[str, Callable[[Graph], Array]] = {
+    "metropolis": metropolis,
+    "laplacian": laplacian,
+    "uniform": uniform,
+    "uneven": uneven,
+}

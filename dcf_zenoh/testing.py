@@ -1,6 +1,8 @@
-"""What algorithms, plants and faults must satisfy, built-in or anybody's, and a fleet in a plain loop to drive them."""
+"""What algorithms, problems, topologies, plants and faults must satisfy, built-in or anybody's; and a fleet in a plain
+loop, to drive algorithms.
+"""
 
-from collections.abc import Callable, Iterator, Mapping, Set
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
 from itertools import combinations
 from typing import Any, TypeAlias, TypeVar
 
@@ -12,6 +14,21 @@ from dcf_zenoh.graph import WEIGHTS, Graph, Neighbourhood
 from dcf_zenoh.messaging.delivery import Delivery
 from dcf_zenoh.messaging.message import Last, Message, Payload, canonical
 from dcf_zenoh.plant import Plant, Setpoint
+from dcf_zenoh.problem_contract import check_problem
+
+__all__ = [
+    "Delay",
+    "check_algorithm",
+    "check_fault",
+    "check_plant",
+    "check_problem",
+    "check_topology",
+    "converse",
+    "fleet_of",
+    "in_time",
+    "lockstep",
+    "lossy",
+]
 
 T = TypeVar("T")
 Delay: TypeAlias = Callable[[int, int, int], int | None]  # sender, receiver, round -> rounds on the way; None: lost
@@ -193,6 +210,24 @@ def _check_missing(
     for i, values in before.items():
         for name, value in values.items():
             assert _same(value, sent[i][name]), f"{place}: it changed {name!r} of agent {i}"
+
+
+def check_topology(topology: Callable[[tuple[int, ...]], Iterable[Sequence[int]]], *counts: int) -> None:
+    """The contract of a topology: pairs of different agents among those that there are, connected, the same again.
+
+    Args:
+        topology: Options bound.
+        counts: Numbers of agents to try it with; without any, 1 to 8.
+
+    Raises:
+        TopologyError: A pair is none, names an agent that is not there, or there is no way from one agent to another.
+        AssertionError: It breaks the contract in another way; the message says how.
+    """
+    for count in counts or range(1, 9):
+        agents = tuple(3 * place + 2 for place in range(count))  # ids are any numbers
+        links = [tuple(link) for link in topology(agents)]
+        assert [tuple(link) for link in topology(agents)] == links, f"{count} agents: it is not repeatable"
+        assert Graph.of(agents, links).diameter < count
 
 
 def check_plant(make: Callable[[], Plant], *, sample_time: int = 200_000_000, steps: int = 20) -> None:

@@ -14,7 +14,7 @@ LAYERS = (
     "plant spec graph clock messaging.message configuration.wording",
     "requests agreement messaging.delivery messaging.mailbox faults algorithms problems",
     "rhythm fate talk transmission controllers reception exchange recording supervisor",
-    "flight agent messaging testing",
+    "flight agent messaging problem_contract testing",
     "plugins",
     "configuration config",
     "assembly agent_log run metrics simulation comparison link_health replay explanation",

@@ -11,9 +11,10 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from dcf_zenoh.algorithms.algorithm import Inbox, Me, Result
-from dcf_zenoh.algorithms.coupled_game import CoupledGame
-from dcf_zenoh.errors import AlgorithmError
+from dcf_zenoh.algorithms.needs import Fraction, needs
 from dcf_zenoh.messaging.message import Payload
+from dcf_zenoh.problems.problem import CoupledGame
+from dcf_zenoh.spec import PositiveFloat
 
 
 class _Steps(NamedTuple):
@@ -26,16 +27,17 @@ class _Steps(NamedTuple):
     multiplier_max: float
 
 
+@needs(CoupledGame, doubly_stochastic=True)
 def trades(
     game: CoupledGame,
     me: Me,
     *,
     order: Literal["adapt_then_combine", "combine_then_adapt"] = "adapt_then_combine",
-    relax: float | None = None,
-    step: float = 0.05,
-    dual: float | None = None,
-    blend: float | None = None,
-    multiplier_max: float = 1e3,
+    relax: Fraction | None = None,
+    step: PositiveFloat = 0.05,
+    dual: PositiveFloat | None = None,
+    blend: Fraction | None = None,
+    multiplier_max: PositiveFloat = 1e3,
 ) -> Generator[tuple[Payload, float], Inbox, Result]:
     """Seek the variational generalised Nash equilibrium of `game`, one gradient step per round.
 
@@ -55,11 +57,6 @@ def trades(
     Raises:
         AlgorithmError: A step size is out of range, or the weights are not doubly stochastic.
     """
-    if not me.neighbourhood.doubly_stochastic:
-        raise AlgorithmError(
-            "trades needs doubly stochastic weights; these are not (use an undirected topology with weights ="
-            " 'metropolis')"
-        )
     adapt_first = order == "adapt_then_combine"
     steps = _Steps(
         relax=(0.6 if adapt_first else 0.2) if relax is None else relax,
@@ -68,9 +65,6 @@ def trades(
         blend=(1.0 if adapt_first else 0.5) if blend is None else blend,
         multiplier_max=multiplier_max,
     )
-    for name, value, most in zip(steps._fields, steps, (1.0, np.inf, np.inf, 1.0, np.inf), strict=True):
-        if not 0 < value <= most:
-            raise AlgorithmError(f"trades: {name} must be in (0, {most:g}], not {value:g}")
     iterate = _adapt_then_combine if adapt_first else _combine_then_adapt
     return (yield from iterate(game, me, steps))
 

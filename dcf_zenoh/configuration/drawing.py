@@ -4,7 +4,7 @@ from pathlib import Path
 
 from dcf_zenoh.configuration.wording import reason
 from dcf_zenoh.errors import PluginError, TopologyError
-from dcf_zenoh.graph import WEIGHTS, Graph
+from dcf_zenoh.graph import WEIGHTS, Graph, laplacian
 from dcf_zenoh.plant import Array
 from dcf_zenoh.plugins import create, load
 from dcf_zenoh.spec import FleetSpec
@@ -37,9 +37,11 @@ def weights_of(spec: FleetSpec, graph: Graph) -> Array:
     """The mixing weights of a fleet on its graph, rows and columns in order of ids.
 
     Raises:
-        TopologyError: Metropolis weights on a graph that is not undirected.
+        TopologyError: Metropolis or Laplacian weights on a graph that is not undirected, or too large a step.
     """
     name = spec.topology.weights
     if name == "auto":
         name = "metropolis" if graph.undirected else "uniform"
+    if name == "laplacian":
+        return laplacian(graph, spec.topology.weight_step)
     return WEIGHTS[name](graph)

@@ -3,10 +3,15 @@
 import numpy as np
 
 from dcf_zenoh.plant import Array, State, read_only
+from dcf_zenoh.problems.box import Box
+from dcf_zenoh.problems.problem import ConsensusProblem, MeanProblem
+from dcf_zenoh.problems.share import Share
 
 
-class Average:
+class Average(MeanProblem, ConsensusProblem):
     """Each agent holds a value; all want the mean.
+
+    It is the x with the least sum of |x - value|² / 2, so that whatever minimises a sum can find it.
 
     Args:
         value: This agent's value: a number or an array, the same shape at every agent.
@@ -16,7 +21,25 @@ class Average:
     """
 
     def __init__(self, *, value: float | list[float]) -> None:
-        self.value: Array = read_only(np.atleast_1d(value))
+        self.value = read_only(np.atleast_1d(value))
+        self.size = self.value.size
+
+    def cost(self, x: Array) -> float:
+        """|x - value|² / 2."""
+        return float((x - self.value) @ (x - self.value)) / 2
+
+    def gradient(self, x: Array) -> Array:
+        """How far x is from the value."""
+        return x - self.value
+
+    def argmin(self, slope: Array, weight: float) -> Array:
+        """Where the gradient is 0."""
+        nearest: Array = (self.value - slope) / (1 + weight)
+        return nearest
+
+    def share(self) -> Share:
+        """As arrays."""
+        return Share(np.eye(self.size), -self.value, *Box.of(self.size, None, None), common=True)
 
     def distance_to_go(self, state: State) -> float:  # noqa: ARG002
         """No body, nowhere to go."""

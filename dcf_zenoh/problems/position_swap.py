@@ -9,6 +9,8 @@ import numpy as np
 
 from dcf_zenoh.plant import Array, Setpoint, State, read_only
 from dcf_zenoh.problems.prediction import Prediction, state_ahead
+from dcf_zenoh.problems.problem import CoupledGame
+from dcf_zenoh.problems.share import Share
 
 SAME_COORDINATE = 1e-9  # m; closer than this, positions are equal and the lower id counts as the greater
 _NO_SIGNS: Mapping[tuple[int, int], Array] = MappingProxyType({})
@@ -176,7 +178,7 @@ class PositionSwap:
         return SwapGame(self, planar, {**self.signs(planar), **signs}, lost)
 
 
-class SwapGame:
+class SwapGame(CoupledGame):
     """One agent's view of the game of one control step.
 
     Local cost f(u) = u'Mu + 2g'u, contribution phi(u) = Phi u + phi0 to the mean end position sigma, box
@@ -259,6 +261,21 @@ class SwapGame:
         """Nearest input within the bound."""
         bound = self._problem.accel_max
         return np.minimum(np.maximum(u, -bound), bound)
+
+    def share(self) -> Share:
+        """As arrays."""
+        problem, bound = self._problem, np.full(len(self._slope), self._problem.accel_max)
+        return Share(
+            self._hessian,
+            self._slope - problem.gather_map @ problem.gather_at,
+            -bound,
+            bound,
+            K=problem.gather_map,
+            Phi=problem.end_map,
+            phi=self._end_free,
+            A=self.A,
+            b=self.b,
+        )
 
     def setpoint(self, decision: Array, stage: int) -> Setpoint | None:
         """Acceleration of `stage`, and the predicted position and velocity at the stage's end.

@@ -14,8 +14,11 @@ class Topology(Kind):
     """Who hears whom."""
 
     kind: str = "complete"
-    weights: Literal["auto", "metropolis", "uniform"] = Field(
+    weights: Literal["auto", "metropolis", "laplacian", "uniform", "uneven"] = Field(
         default="auto", description="mixing weights; auto: metropolis on undirected graphs, uniform on directed ones"
+    )
+    weight_step: PositiveFloat | None = Field(
+        default=None, description="laplacian: weight of each neighbour; none: 1 / (1 + most neighbours)"
     )
 
 

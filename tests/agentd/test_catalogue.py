@@ -67,16 +67,20 @@ def test_every_kind_of_every_group_is_listed(capsys: pytest.CaptureFixture[str])
 
 
 def test_kind_has_its_summary_and_its_keys(capsys: pytest.CaptureFixture[str]) -> None:
-    assert listing(capsys, "problems").startswith(
-        textwrap.dedent("""\
-            problems
-              average         Each agent holds a value; all want the mean.
-                value: number or list of numbers, required
-              position_swap   The aggregative game of the paper, posed anew at every control step.
-                target: list of numbers, required
-                horizon: whole number = 3
-            """)
-    )
+    text = listing(capsys, "problems")
+    assert text.startswith("problems\n  absolute_value        Each agent holds weight |x - value| and bounds; all want")
+    for part in (
+        """\
+          average               Each agent holds a value; all want the mean.
+            value: number or list of numbers, required
+        """,
+        """\
+          position_swap         The aggregative game of the paper, posed anew at every control step.
+            target: list of numbers, required
+            horizon: whole number = 3
+        """,
+    ):
+        assert textwrap.indent(textwrap.dedent(part), "  ") in text
 
 
 def test_group_is_one_that_there_is(capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,3 +1,4 @@
+from collections.abc import Callable
 from itertools import permutations
 
 import numpy as np
@@ -6,7 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dcf_zenoh.errors import TopologyError
-from dcf_zenoh.graph import Graph, Neighbourhood, metropolis, uniform
+from dcf_zenoh.graph import Graph, Neighbourhood, laplacian, metropolis, uneven, uniform
+from dcf_zenoh.plant import Array
 
 
 @st.composite
@@ -28,9 +30,12 @@ def floyd_warshall(graph: Graph) -> dict[tuple[int, int], float]:
     return hops
 
 
-@given(graphs(undirected=True))
-def test_metropolis_weights_are_symmetric_and_doubly_stochastic(graph: Graph) -> None:
-    weights = metropolis(graph)
+@pytest.mark.parametrize("scheme", [metropolis, laplacian])
+@given(graph=graphs(undirected=True))
+def test_weights_of_undirected_graphs_are_symmetric_and_doubly_stochastic(
+    scheme: Callable[[Graph], Array], graph: Graph
+) -> None:
+    weights = scheme(graph)
     assert np.array_equal(weights, weights.T)
     assert np.allclose(weights.sum(axis=1), 1.0, rtol=0, atol=1e-12)
     assert np.allclose(weights.sum(axis=0), 1.0, rtol=0, atol=1e-12)
@@ -38,9 +43,12 @@ def test_metropolis_weights_are_symmetric_and_doubly_stochastic(graph: Graph) ->
     assert (np.diag(weights) > 0).all()
 
 
-@given(graphs(undirected=False))
-def test_uniform_weights_are_row_stochastic_on_the_links_alone(graph: Graph) -> None:
-    weights = uniform(graph)
+@pytest.mark.parametrize("scheme", [uniform, uneven])
+@given(graph=graphs(undirected=False))
+def test_weights_of_directed_graphs_are_row_stochastic_on_the_links_alone(
+    scheme: Callable[[Graph], Array], graph: Graph
+) -> None:
+    weights = scheme(graph)
     assert np.allclose(weights.sum(axis=1), 1.0, rtol=0, atol=1e-12)
     for row, i in enumerate(graph.agents):
         for column, j in enumerate(graph.agents):
@@ -90,6 +98,22 @@ def test_link_that_is_no_pair_is_refused(link: object) -> None:
 def test_metropolis_weights_name_the_link_without_opposite() -> None:
     with pytest.raises(TopologyError, match="link 2 -> 1 has no opposite; use weights = 'uniform'"):
         metropolis(Graph.of((1, 2), [(2, 1)]))
+
+
+@given(graphs(undirected=True), st.floats(0.01, 0.99))
+def test_laplacian_weights_are_a_step_along_the_laplacian(graph: Graph, part: float) -> None:
+    adjacency = np.array([[float((j, i) in graph.links) for j in graph.agents] for i in graph.agents])
+    degrees = adjacency.sum(axis=1)
+    step = part / max(1.0, degrees.max())
+    expected = np.eye(len(degrees)) - step * (np.diag(degrees) - adjacency)
+    np.testing.assert_allclose(laplacian(graph, step), expected, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("step", [0.5, 0.7])
+def test_a_laplacian_step_that_is_too_large_is_refused(step: float) -> None:
+    ring = Graph.of((1, 2, 3), permutations((1, 2, 3), 2))
+    with pytest.raises(TopologyError, match=r"weight_step must be less than 1 / 2, as there is an agent with 2 neigh"):
+        laplacian(ring, step)
 
 
 def test_neighbourhood_is_one_row_of_the_weights() -> None:

@@ -1,0 +1,54 @@
+"""ADMM-tracking gradient: gradient tracking that bears lost and late messages."""
+
+import numpy as np
+
+from dcf_zenoh.algorithms.algorithm import Dialogue, Me, PerNeighbour, Result
+from dcf_zenoh.algorithms.mean_tracker import MeanTracker
+from dcf_zenoh.algorithms.needs import Fraction, needs
+from dcf_zenoh.problems.problem import ConsensusProblem
+from dcf_zenoh.spec import PositiveFloat
+
+
+@needs(ConsensusProblem, traits=("smooth", "unconstrained"), links="undirected")
+def admm_tracking_gradient(
+    problem: ConsensusProblem,
+    me: Me,
+    *,
+    step: PositiveFloat = 0.2,
+    relax: Fraction = 0.5,
+    penalty: PositiveFloat = 0.5,
+    renew: Fraction = 0.9,
+) -> Dialogue[Result]:
+    """Go towards the mean decision, and against the mean gradient: ``x+ = x + gamma (y - x) - gamma a s``.
+
+    y and s are this agent's estimates of the means of x and of grad f(x), found by ADMM over the edges, which start
+    anywhere and stay right whatever is lost. Linear for strongly convex costs and small gamma. Sent per edge. The
+    residual is the largest change of x, or distance of x to y.
+
+    Args:
+        problem: This agent's cost.
+        me: This agent.
+        step: a.
+        relax: gamma, how far to go.
+        penalty: rho of the tracker; the larger, the more the neighbours' estimates weigh.
+        renew: alpha of the tracker, how far an edge follows what comes over it.
+
+    Source: Carnevale, Bastianello, Notarstefano, Carli, "ADMM-Tracking Gradient for Distributed Optimization over
+    Asynchronous and Unreliable Networks", IEEE Transactions on Automatic Control, 2025, Algorithms 1 and 2.
+    """
+    x = problem.start(me.last)
+    tracker = MeanTracker(np.concatenate((x, problem.gradient(x))), penalty, renew)
+    change = float("inf")
+    while True:
+        inbox = yield PerNeighbour({j: {"m": tracker.edge(j)} for j in me.neighbours}), change
+        for j, payload in inbox.items():
+            if inbox.new(j):  # a held message must not count twice
+                tracker.hear(j, np.asarray(payload["m"]))
+        tracker.combine()
+        y, s = np.split(tracker.mean, 2)
+        new = x + relax * (y - x - step * s)
+        change, x = max(float(abs(new - x).max()), float(abs(y - x).max())), new
+        tracker.track(np.concatenate((x, problem.gradient(x))))
+        me.note(x=x)
+        if inbox.stop:
+            return me.result(x)

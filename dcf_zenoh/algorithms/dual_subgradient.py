@@ -1,0 +1,45 @@
+"""The dual subgradient method for shared constraints."""
+
+import numpy as np
+
+from dcf_zenoh.algorithms.algorithm import Dialogue, Me, Result
+from dcf_zenoh.algorithms.needs import needs
+from dcf_zenoh.problems.problem import CoupledProblem
+from dcf_zenoh.spec import NonNegativeFloat, PositiveFloat
+
+
+@needs(CoupledProblem, traits=("strongly_convex",), doubly_stochastic=True)
+def dual_subgradient(
+    problem: CoupledProblem, me: Me, *, step: PositiveFloat = 1.0, decay: NonNegativeFloat = 0.7
+) -> Dialogue[Result]:
+    """Mix the prices of what is shared, decide at that price, and raise it where the own share is overdrawn.
+
+    ``l = sum_j w_ij lam_j, x = argmin f + l'A x, lam+ = l + a_k (A x - b)``, not below 0 for inequalities. The prices
+    alone are sent. With steps a_k = step / (k + 1)^decay, 1/2 < decay <= 1, it tends to the answer, slowly; with
+    decay = 0 it stays near it. The residual is the largest change of x, or distance of the own price to the mixed one.
+
+    Args:
+        problem: This agent's cost, set and share of the constraints.
+        me: This agent.
+        step: The first step size, a_0.
+        decay: How fast the steps shrink.
+
+    Source: Falsone, Margellos, Garatti, Prandini, "Dual decomposition for multi-agent distributed optimization with
+    coupling constraints", Automatica, 2017; without its averages, as costs are strongly convex.
+    """
+    lam = me.recall("lam", np.zeros(problem.rows))
+    x = problem.respond(lam, 0.0, np.zeros(problem.rows))
+    k, change = 0, float("inf")
+    while True:
+        inbox = yield {"lam": lam}, change
+        mixed = me.mix(inbox, "lam")
+        new = problem.respond(mixed, 0.0, np.zeros(problem.rows))
+        change = max(float(abs(new - x).max()), float(abs(mixed - lam).max()))
+        lam = mixed + step / (k + 1) ** decay * problem.coupling(new)
+        if not problem.equality:
+            lam = np.maximum(lam, 0.0)
+        x = new
+        k += 1
+        me.note(x=x, lam=lam)
+        if inbox.stop:
+            return me.result(x, lam=lam)

@@ -1,0 +1,37 @@
+"""EXTRA, the exact first-order algorithm."""
+
+from dcf_zenoh.algorithms.algorithm import Dialogue, Me, Result
+from dcf_zenoh.algorithms.needs import needs
+from dcf_zenoh.problems.problem import ConsensusProblem
+from dcf_zenoh.spec import PositiveFloat
+
+
+@needs(ConsensusProblem, traits=("smooth", "unconstrained"), links="undirected", doubly_stochastic=True)
+def extra(problem: ConsensusProblem, me: Me, *, step: PositiveFloat = 0.2) -> Dialogue[Result]:
+    """Gradient descent with a correction by the last round, which takes away the bias of constant steps.
+
+    ``x1 = Wx0 - a grad f(x0)``, then ``x++ = x+ + Wx+ - (x + Wx) / 2 - a (grad f(x+) - grad f(x))``. One vector is
+    sent. Linear for strongly convex costs and symmetric W. A lost message leaves a bias. The residual is the change of
+    x.
+
+    Args:
+        problem: This agent's cost.
+        me: This agent.
+        step: a; less than (1 + least eigenvalue of W) / L for gradients with Lipschitz constant L.
+
+    Source: Shi, Ling, Wu, Yin, "EXTRA: an exact first-order algorithm for decentralized consensus optimization", SIAM
+    Journal on Optimization, 2015, Algorithm 1 with (I + W) / 2 for its second matrix.
+    """
+    x = problem.start(me.last)
+    gradient = problem.gradient(x)
+    inbox = yield {"x": x}, float("inf")
+    mixed = me.mix(inbox, "x")
+    new = mixed - step * gradient
+    while not inbox.stop:
+        change = float(abs(new - x).max())
+        older, x = (x + mixed) / 2, new
+        me.note(x=x)
+        inbox = yield {"x": x}, change
+        mixed, before, gradient = me.mix(inbox, "x"), gradient, problem.gradient(x)
+        new = x + mixed - older - step * (gradient - before)
+    return me.result(new)

@@ -1,0 +1,185 @@
+"""What an algorithm needs: of its problem, of the graph and of its own options; refused in one line where it is not so.
+
+An algorithm says so by a decorator. `agentd check` reads it and tells what it can without running anything; the rest,
+what depends on the numbers of a problem, is checked when the algorithm is called. One that says nothing is not
+restricted.
+"""
+
+import functools
+import math
+import typing
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from types import UnionType
+from typing import Annotated, Any, Literal, TypeVar, Union, cast
+
+from pydantic import Field
+
+from dcf_zenoh.algorithms.algorithm import Me
+from dcf_zenoh.errors import AlgorithmError
+from dcf_zenoh.graph import Neighbourhood
+from dcf_zenoh.problems.problem import Problem
+
+Fraction = Annotated[float, Field(gt=0, le=1)]
+F = TypeVar("F", bound=Callable[..., Any])
+Links = Literal["directed", "undirected", "complete"]
+
+TRAITS = {
+    "smooth": "a cost with a gradient everywhere",
+    "strongly_convex": "a strongly convex cost",
+    "unconstrained": "a decision without bounds",
+    "uncoupled": "a game without shared constraints",
+    "equality": "shared constraints that are equations",
+}
+
+
+@dataclass(frozen=True)
+class Needs:
+    """What one algorithm needs.
+
+    Attributes:
+        algorithm: Its name, for messages.
+        structures: It solves problems of any of these.
+        traits: What must be true of the problem, keys of `TRAITS`.
+        links: Which graphs will do: any, those whose links go both ways, or all to all.
+        doubly_stochastic: The mixing weights must keep the mean.
+        agents: Least number of agents.
+    """
+
+    algorithm: str
+    structures: tuple[type[Problem], ...]
+    traits: tuple[str, ...]
+    links: Links
+    doubly_stochastic: bool
+    agents: int
+
+    def of_problem(self, problem: object, name: str) -> str | None:
+        """What is wrong with a problem, or with all problems of a class; None if nothing is, or it cannot be told.
+
+        An object that derives from no structure at all passes if it has the methods of one that is needed.
+
+        Args:
+            problem: The problem, or its class.
+            name: What it is called in messages.
+        """
+        kind = problem if isinstance(problem, type) else type(problem)
+        if not issubclass(kind, self.structures):
+            wanted = " or ".join(each.STRUCTURE for each in self.structures)
+            if issubclass(kind, Problem):
+                found = dict.fromkeys(base.STRUCTURE for base in kind.__bases__ if issubclass(base, Problem))
+                return f"{self.algorithm} solves {wanted}, and {name} is {' and '.join(found)}"
+            lacking = min((_lacking(each, problem) for each in self.structures), key=len)
+            if lacking:
+                return f"{self.algorithm} solves {wanted}, and {name} has no {', '.join(lacking)}"
+        for trait in self.traits:
+            if getattr(problem, trait, True) is False:
+                return f"{self.algorithm} needs {TRAITS[trait]}, which {name} has not"
+        return None
+
+    def of_links(self, agent: int, hood: Neighbourhood, count: int) -> str | None:
+        """What is wrong with who hears whom, as agent number `agent` of `count` sees it; None if nothing is."""
+        hears, tells = hood.receives_from, hood.sends_to
+        if count < self.agents:
+            return f"{self.algorithm} needs at least {self.agents} agents, not {count}"
+        if self.links != "directed" and hears != tells:
+            return (
+                f"{self.algorithm} needs links in both directions; agent {agent} hears {list(hears)} and is heard by"
+                f" {list(tells)} (use an undirected topology)"
+            )
+        if self.links == "complete" and len(hears) < count - 1:
+            return (
+                f"{self.algorithm} needs every agent to hear all others; agent {agent} hears {list(hears)} of"
+                f" {count - 1} (use topology 'complete')"
+            )
+        return None
+
+    def of_weights(self, hood: Neighbourhood) -> str | None:
+        """What is wrong with the mixing weights; None if nothing is."""
+        if self.doubly_stochastic and not hood.doubly_stochastic:
+            return (
+                f"{self.algorithm} needs doubly stochastic weights; these are not (use an undirected topology with"
+                " weights = 'metropolis')"
+            )
+        return None
+
+
+def needs(
+    *structures: type[Problem],
+    traits: tuple[str, ...] = (),
+    links: Links = "directed",
+    doubly_stochastic: bool = False,
+    agents: int = 1,
+) -> Callable[[F], F]:
+    """Say what an algorithm needs, and check it when it is called; see `Needs` for the arguments.
+
+    Options whose annotations have bounds, such as `Fraction`, must keep them.
+
+    Raises:
+        AlgorithmError: When the algorithm is called: something that it needs is not there; the message says what.
+    """
+
+    def declare(algorithm: F) -> F:
+        needed = Needs(algorithm.__name__, structures, traits, links, doubly_stochastic, agents)
+        hints = typing.get_type_hints(algorithm, include_extras=True)
+
+        @functools.wraps(algorithm)
+        def checked(problem: Any, me: Me, **options: Any) -> Any:
+            wrong = (
+                needed.of_links(me.id, me.neighbourhood, me.count)
+                or needed.of_weights(me.neighbourhood)
+                or needed.of_problem(problem, type(problem).__name__)
+                or next(
+                    filter(None, (_out_of_range(name, value, hints[name]) for name, value in options.items())), None
+                )
+            )
+            if wrong:
+                raise AlgorithmError(wrong if wrong.startswith(needed.algorithm) else f"{needed.algorithm}: {wrong}")
+            return algorithm(problem, me, **options)
+
+        checked.needs = needed  # type: ignore[attr-defined]
+        return cast(F, checked)
+
+    return declare
+
+
+def needs_of(algorithm: object) -> Needs | None:
+    """What an algorithm says that it needs; None if it says nothing."""
+    found = getattr(algorithm, "needs", None)
+    return found if isinstance(found, Needs) else None
+
+
+def _lacking(structure: type[Problem], problem: object) -> list[str]:
+    """Names that make a structure and that a problem has not; of a class, methods alone can be told."""
+    names = set(getattr(structure, "__abstractmethods__", ()))
+    if not isinstance(problem, type):
+        names |= {
+            name
+            for each in structure.__mro__
+            if issubclass(each, Problem)
+            for name in each.__annotations__
+            if not hasattr(structure, name)
+        }
+    return sorted(name for name in names if not hasattr(problem, name))
+
+
+def _out_of_range(name: str, value: object, annotation: Any) -> str | None:
+    """What is wrong with an option, by the bounds in its annotation."""
+    if not isinstance(value, int | float) or not (bounds := dict(_bounds(annotation))):
+        return None
+    low, high = bounds.get("gt", bounds.get("ge", -math.inf)), bounds.get("lt", bounds.get("le", math.inf))
+    opening, closing = "(" if "gt" in bounds else "[", ")" if "lt" in bounds else "]"
+    above = value > low if "gt" in bounds else value >= low
+    below = value < high if "lt" in bounds else value <= high
+    return None if above and below else f"{name} must be in {opening}{low:g}, {high:g}{closing}, not {value:g}"
+
+
+def _bounds(annotation: Any) -> Iterator[tuple[str, float]]:
+    """Bounds in a type, as pydantic names them: ("gt", 0.0)."""
+    origin, arguments = typing.get_origin(annotation), typing.get_args(annotation)
+    if origin in (Union, UnionType):
+        for each in arguments:
+            yield from _bounds(each)
+    elif origin is Annotated:
+        for item in arguments[1:]:
+            for each in getattr(item, "metadata", [item]):  # a FieldInfo holds several
+                yield from ((key, getattr(each, key)) for key in ("gt", "ge", "lt", "le") if hasattr(each, key))

@@ -1,0 +1,34 @@
+"""Push-sum: the mean on a directed graph."""
+
+import numpy as np
+
+from dcf_zenoh.algorithms.algorithm import Dialogue, Me, Result
+from dcf_zenoh.algorithms.needs import needs
+from dcf_zenoh.problems.problem import MeanProblem
+
+
+@needs(MeanProblem)
+def push_sum(problem: MeanProblem, me: Me) -> Dialogue[Result]:
+    """Every agent ends with the mean of all agents' values, on any graph that is strongly connected.
+
+    Each holds a mass s and a weight w, divides both evenly among itself and those who hear it, and adds up what it
+    hears: what is in the fleet stays in the fleet, and ``s / w`` tends to the mean. A message that is lost takes its
+    mass with it, so the network must not lose any. The residual is the change of the own estimate.
+
+    Source: Kempe, Dobra, Gehrke, "Gossip-based computation of aggregate information", FOCS 2003; with a broadcast to
+    all out-neighbours as in Nedić and Olshevsky, "Distributed optimization over time-varying directed graphs", IEEE
+    Transactions on Automatic Control, 2015, Section II.
+    """
+    s, w = np.asarray(problem.value), 1.0
+    x = s / w
+    parts = len(me.neighbourhood.sends_to) + 1
+    change = float("inf")
+    while True:
+        inbox = yield {"s": s / parts, "w": w / parts}, change
+        heard = sorted([(me.id, inbox.own), *((j, inbox[j]) for j in inbox if inbox.new(j))])
+        s = np.sum([np.asarray(payload["s"]) for _, payload in heard], axis=0)
+        w = sum(float(payload["w"]) for _, payload in heard)
+        change, x = float(abs(s / w - x).max()), s / w
+        me.note(x=x)
+        if inbox.stop:
+            return me.result(x)

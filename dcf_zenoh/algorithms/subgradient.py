@@ -1,0 +1,38 @@
+"""The distributed projected subgradient method."""
+
+from dcf_zenoh.algorithms.algorithm import Dialogue, Me, Result
+from dcf_zenoh.algorithms.needs import needs
+from dcf_zenoh.problems.problem import ConsensusProblem
+from dcf_zenoh.spec import NonNegativeFloat, PositiveFloat
+
+
+@needs(ConsensusProblem, doubly_stochastic=True)
+def subgradient(
+    problem: ConsensusProblem, me: Me, *, step: PositiveFloat = 0.5, decay: NonNegativeFloat = 1.0
+) -> Dialogue[Result]:
+    """Mix, step against the own subgradient, project on the own set: ``v = sum_j w_ij x_j, x+ = P[v - a_k g(v)]``.
+
+    With steps a_k = step / (k + 1)^decay, 1/2 < decay <= 1, all agents tend to a minimiser, slowly. With decay = 0 the
+    steps are constant: they get near it at a linear rate, as far as the agents' gradients there differ, and stay there.
+    The residual is the change of the own estimate, which says little while the steps shrink.
+
+    Args:
+        problem: This agent's cost and set.
+        me: This agent.
+        step: The first step size, a_0.
+        decay: How fast the steps shrink.
+
+    Source: Nedić, Ozdaglar, Parrilo, "Constrained consensus and optimization in multi-agent networks", IEEE
+    Transactions on Automatic Control, 2010, Section IV.
+    """
+    x = problem.project(problem.start(me.last))
+    k, change = 0, float("inf")
+    while True:
+        inbox = yield {"x": x}, change
+        v = me.mix(inbox, "x")
+        new = problem.project(v - step / (k + 1) ** decay * problem.gradient(v))
+        change, x = float(abs(new - x).max()), new
+        k += 1
+        me.note(x=x)
+        if inbox.stop:
+            return me.result(x)

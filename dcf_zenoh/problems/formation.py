@@ -1,0 +1,110 @@
+"""Agents fly in a formation, whose place they agree on."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from dcf_zenoh.plant import Array, Setpoint, State, read_only
+from dcf_zenoh.problems.approach import Approach
+from dcf_zenoh.problems.average import Average
+from dcf_zenoh.problems.problem import ConsensusProblem, MeanProblem
+from dcf_zenoh.problems.share import Share
+
+
+class Formation:
+    """Each agent has a place in the formation; in every control step all agree on where its centre shall be.
+
+    That is the mean of where each wants it: an agent at p wants it at p - offset, so that it need not fly anywhere, and
+    one with a goal on the way from there to the goal. Then each flies to the centre + offset, and the formation moves
+    to the goal. Nothing keeps the agents from colliding on the way.
+
+    Args:
+        agent: Id of this agent.
+        sample_time: t_s, s.
+        offset: Its place, seen from the centre, shape (d,), m. Of a body in more dimensions, the first d are flown.
+        goal: Where it wants the centre to go, shape (d,), m; None: nowhere.
+        pull: How much it wants that: 1 asks for the goal at once, which the others make slow, more asks for more.
+        pace: How fast the places are flown to, rad/s; see `Approach`.
+        accel_max: Bound on each component of the acceleration, m/s².
+
+    Attributes:
+        place: Where the agent was sent last, shape (d,), m; None before that.
+
+    Raises:
+        ValueError: A number is out of its range, or `goal` and `offset` differ in length.
+    """
+
+    def __init__(
+        self,
+        agent: int,
+        sample_time: float,
+        *,
+        offset: tuple[float, ...],
+        goal: tuple[float, ...] | None = None,
+        pull: float = 1.0,
+        pace: float = 1.5,
+        accel_max: float = 2.0,
+    ) -> None:
+        if not offset:
+            raise ValueError("offset must have at least one component, in m")
+        if goal is not None and len(goal) != len(offset):
+            raise ValueError(f"goal has {len(goal)} components, offset has {len(offset)}")
+        if not pull > 0:
+            raise ValueError(f"pull must be positive, not {pull}")
+        self.agent = agent
+        self.offset = read_only(offset)
+        self.place: Array | None = None
+        self.approach = Approach.of(sample_time, pace, accel_max)
+        self._goal = None if goal is None else read_only(goal)
+        self._pull = pull
+
+    def at(self, states: Mapping[int, Array]) -> "Meeting":
+        """The problem of one control step, given agent -> [position, velocity], of this agent at least."""
+        d = len(self.offset)
+        position, velocity = (part[:d] for part in np.split(states[self.agent], 2))
+        wanted = position - self.offset
+        if self._goal is not None:
+            wanted = wanted + self._pull * (self._goal - wanted)
+        return Meeting(self, position, velocity, wanted)
+
+    def distance_to_go(self, state: State) -> float:
+        """Distance to where the agent was sent last, m; infinite before that."""
+        if self.place is None:
+            return float("inf")
+        return float(np.linalg.norm(state.position[: len(self.place)] - self.place))
+
+
+class Meeting(MeanProblem, ConsensusProblem):
+    """One agent's part in where the centre shall be, in one control step.
+
+    Attributes:
+        value: Where it wants it, shape (d,), m.
+    """
+
+    def __init__(self, formation: Formation, position: Array, velocity: Array, wanted: Array) -> None:
+        self._formation = formation
+        self._position, self._velocity = position, velocity
+        self._mean = Average(value=wanted.tolist())
+        self.value, self.size = self._mean.value, self._mean.size
+
+    def cost(self, x: Array) -> float:
+        """Half the square of the distance to where the agent wants it."""
+        return self._mean.cost(x)
+
+    def gradient(self, x: Array) -> Array:
+        """How far x is from where the agent wants it."""
+        return self._mean.gradient(x)
+
+    def argmin(self, slope: Array, weight: float) -> Array:
+        """Where the gradient is 0."""
+        return self._mean.argmin(slope, weight)
+
+    def share(self) -> Share:
+        """As arrays."""
+        return self._mean.share()
+
+    def setpoint(self, decision: Array, stage: int) -> Setpoint:
+        """How to fly to the agent's place around the centre that was agreed on."""
+        formation = self._formation
+        formation.place = read_only(decision + formation.offset)
+        return formation.approach.setpoint(self._position, self._velocity, formation.place, stage)

@@ -1,0 +1,184 @@
+"""What a fleet can solve: structures of problems, each as an interface with what algorithms ask of it.
+
+A problem is one agent's share of what the fleet solves together. Its class derives from the structure that it has, or
+from several; an algorithm names the one that it solves, and refuses the others (`dcf_zenoh.algorithms.needs`).
+Shapes: (n,) for decisions, (s,) for what a game's players contribute, (rows,) for shared constraints.
+"""
+
+from abc import ABC, abstractmethod
+from typing import ClassVar
+
+import numpy as np
+
+from dcf_zenoh.plant import Array
+
+
+class Problem:
+    """One agent's share of a problem.
+
+    Attributes:
+        STRUCTURE: What such a problem is called in messages, with its article.
+    """
+
+    STRUCTURE: ClassVar[str] = "a problem"
+
+
+class MeanProblem(Problem):
+    """The mean over the fleet of the agents' values.
+
+    Attributes:
+        value: This agent's, shape (n,), the same n at every agent.
+    """
+
+    STRUCTURE = "a mean of values"
+    value: Array
+
+
+class ConsensusProblem(Problem, ABC):
+    """Minimise sum_i f_i(x) over one x for all agents, in the intersection of their sets X_i; f_i and X_i are convex.
+
+    Attributes:
+        size: n, the same at every agent.
+        smooth: f has a gradient everywhere.
+        strongly_convex: f grows at least like a square in all directions, so that it has a least point of its own.
+        unconstrained: X is the whole space.
+    """
+
+    STRUCTURE = "a consensus problem"
+    size: int
+    smooth: bool = True
+    strongly_convex: bool = True
+    unconstrained: bool = True
+
+    def start(self, last: Array | None) -> Array:
+        """Where to start the iteration: the last decision, or else 0."""
+        return np.zeros(self.size) if last is None else last
+
+    @abstractmethod
+    def cost(self, x: Array) -> float:
+        """f(x)."""
+
+    @abstractmethod
+    def gradient(self, x: Array) -> Array:
+        """The gradient of f, or a subgradient."""
+
+    @abstractmethod
+    def argmin(self, slope: Array, weight: float) -> Array:
+        """The x in X with the least f(x) + slope'x + weight / 2 |x|².
+
+        Args:
+            slope: Shape (n,).
+            weight: Not negative; positive if f is not strongly convex.
+        """
+
+    def project(self, x: Array) -> Array:
+        """The nearest point of X."""
+        return x
+
+
+class CoupledProblem(Problem, ABC):
+    """Minimise sum_i f_i(x_i) over a decision of each agent in its set X_i, under sum_i (A_i x_i - b_i) = 0, or <= 0.
+
+    Attributes:
+        A: Shape (rows, n).
+        b: Shape (rows,).
+        rows: Number of shared constraints.
+        equality: They are equations.
+        strongly_convex: f grows at least like a square in all directions.
+    """
+
+    STRUCTURE = "a problem with shared constraints"
+    A: Array
+    b: Array
+    rows: int
+    equality: bool = True
+    strongly_convex: bool = True
+
+    @abstractmethod
+    def cost(self, x: Array) -> float:
+        """f(x)."""
+
+    @abstractmethod
+    def respond(self, price: Array, weight: float, target: Array) -> Array:
+        """The x in X with the least f(x) + price'A x + weight / 2 |A x - target|².
+
+        Args:
+            price: Of the shared constraints, shape (rows,).
+            weight: Not negative; positive if f is not strongly convex.
+            target: Shape (rows,).
+        """
+
+    def coupling(self, x: Array) -> Array:
+        """A x - b."""
+        shares: Array = self.A @ x - self.b
+        return shares
+
+
+class Game(Problem, ABC):
+    """Each agent minimises a cost of its own over its action x_i in X_i; the cost depends on all actions.
+
+    Attributes:
+        players: Ids of all agents, ascending: the rows of a profile.
+        size: n, the same for all players.
+    """
+
+    STRUCTURE = "a game"
+    players: tuple[int, ...]
+    size: int
+
+    @abstractmethod
+    def pseudo_gradient(self, profile: Array) -> Array:
+        """F_i: the gradient of this agent's cost with regard to its own action, at `profile`, shape (N, n)."""
+
+    def project(self, x: Array) -> Array:
+        """The nearest point of X."""
+        return x
+
+
+class AggregativeGame(Problem, ABC):
+    """A game whose costs depend on the own decision u and on sigma, the mean over the fleet of contributions phi(u)."""
+
+    STRUCTURE = "an aggregative game"
+
+    @property
+    def uncoupled(self) -> bool:
+        """There are no shared constraints."""
+        return True
+
+    @abstractmethod
+    def start(self, last: Array | None) -> Array:
+        """Initial decision, given that of the last control step, if any."""
+
+    @abstractmethod
+    def contribution(self, u: Array) -> Array:
+        """phi(u), whose mean over the agents is sigma."""
+
+    @abstractmethod
+    def gradient(self, u: Array, sigma: Array) -> Array:
+        """Pseudo-gradient of the agent's cost: how it changes with u, through sigma too."""
+
+    @abstractmethod
+    def project(self, u: Array) -> Array:
+        """Nearest admissible decision."""
+
+
+class CoupledGame(AggregativeGame):
+    """An aggregative game under shared constraints sum_i (A_i u_i - b_i) <= 0.
+
+    Attributes:
+        A: Shape (rows, n).
+        rows: Number of shared constraints.
+    """
+
+    STRUCTURE = "an aggregative game with shared constraints"
+    A: Array
+    rows: int
+
+    @property
+    def uncoupled(self) -> bool:
+        """There are no shared constraints."""
+        return self.rows == 0
+
+    @abstractmethod
+    def coupling(self, u: Array) -> Array:
+        """A u - b; the sum over the agents must not be positive."""

@@ -1,0 +1,70 @@
+"""Any game with linear pseudo-gradients and one number for each player."""
+
+import numpy as np
+
+from dcf_zenoh.plant import Array
+from dcf_zenoh.problems.box import Box, vector
+from dcf_zenoh.problems.problem import Game
+from dcf_zenoh.problems.share import Share
+
+
+class QuadraticGame(Game):
+    """Each agent chooses a number; the slope of its cost is row'x + constant, with the numbers x of all agents.
+
+    They stand in order of ids. The rows of all agents make a matrix M. The game has one equilibrium where M + M' is
+    positive definite.
+
+    Args:
+        agent: Id of this agent.
+        agents: Ids of all agents, ascending.
+        row: This agent's row of M, a list of one number for each agent.
+        constant: What F_i is at 0.
+        lower: Least number that it can choose; None: no such limit.
+        upper: Greatest, likewise.
+
+    Raises:
+        ValueError: The row has another length, its own entry is not positive, or `lower` is above `upper`.
+    """
+
+    def __init__(
+        self,
+        agent: int,
+        agents: tuple[int, ...],
+        *,
+        row: list[float],
+        constant: float = 0.0,
+        lower: float | None = None,
+        upper: float | None = None,
+    ) -> None:
+        if len(row) != len(agents):
+            raise ValueError(f"row must have one number for each of the {len(agents)} agents, not {row}")
+        self.players = agents
+        self.size = 1
+        self._place = agents.index(agent)
+        self._row = vector("row", row, len(agents))
+        if not self._row[self._place] > 0:
+            raise ValueError(f"row must be positive at the agent itself, and is {self._row[self._place]:g} there")
+        self._constant = constant
+        self._box = Box.of(1, lower, upper)
+
+    def pseudo_gradient(self, profile: Array) -> Array:
+        """What the row makes of all numbers, and the constant."""
+        slope: Array = self._row @ profile + self._constant
+        return slope
+
+    def project(self, x: Array) -> Array:
+        """The nearest number that it can choose."""
+        return self._box.nearest(x)
+
+    def share(self) -> Share:
+        """As arrays: what it contributes to the mean is its own number at its own place, N times."""
+        count = len(self.players)
+        place = count * np.eye(count)[:, [self._place]]
+        return Share(
+            np.zeros((1, 1)),
+            np.array([self._constant]),
+            *self._box,
+            K=self._row[np.newaxis],
+            Phi=place,
+            phi=np.zeros(count),
+        )

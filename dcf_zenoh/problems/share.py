@@ -1,0 +1,75 @@
+"""One agent's share of a problem as arrays: what a single solver needs to know of it, and what can be sent."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+
+from dcf_zenoh.messaging.message import Payload, Value
+from dcf_zenoh.plant import Array, nothing
+
+
+@dataclass(frozen=True)
+class Share:
+    """One agent's part of an affine variational inequality over the decisions u of a fleet, with kinks.
+
+    Agent i minimises, over its u_i, a cost whose gradient is F_i(u) = H u_i + g + K sigma, plus the sum over k of
+    absolute_k |u_k - kink_k|. sigma is the mean over the fleet of Phi_j u_j + phi_j. It keeps to lower <= u_i <= upper,
+    and together the agents keep sum_i (A_i u_i - b_i) <= 0, or = 0. Convex quadratic programs are the special case in
+    which F is a gradient.
+
+    Attributes:
+        H: Shape (n, n).
+        g: Shape (n,).
+        lower: Shape (n,); -inf where there is no bound.
+        upper: Shape (n,).
+        K: Shape (n, s).
+        Phi: Shape (s, n).
+        phi: Shape (s,).
+        A: Shape (rows, n).
+        b: Shape (rows,).
+        absolute: Shape (n,), not negative; empty for zeros.
+        kink: Shape (n,); empty for zeros.
+        common: All agents mean the same u: the problem is to agree on the one with the least sum of costs.
+        equality: The shared constraints are equations.
+    """
+
+    H: Array
+    g: Array
+    lower: Array
+    upper: Array
+    K: Array = field(default_factory=nothing)
+    Phi: Array = field(default_factory=nothing)
+    phi: Array = field(default_factory=nothing)
+    A: Array = field(default_factory=nothing)
+    b: Array = field(default_factory=nothing)
+    absolute: Array = field(default_factory=nothing)
+    kink: Array = field(default_factory=nothing)
+    common: bool = False
+    equality: bool = False
+
+    def to_payload(self, agent: int) -> dict[str, Value]:
+        """Entries of a payload that say what the share of `agent` is."""
+        return {f"{agent}.{name}": np.asarray(value) for name, value in self._filled().items()}
+
+    @classmethod
+    def all_in(cls, payload: Payload) -> dict[int, "Share"]:
+        """Agent -> share, of all that are in a payload."""
+        found: dict[int, dict[str, Any]] = {}
+        for key, value in payload.items():
+            agent, dot, name = key.partition(".")
+            if dot and agent.isdecimal():
+                found.setdefault(int(agent), {})[name] = value
+        return {agent: cls(**each) for agent, each in sorted(found.items())}
+
+    def _filled(self) -> Mapping[str, Any]:
+        return {each.name: getattr(self, each.name) for each in fields(self)}
+
+
+@runtime_checkable
+class Shareable(Protocol):
+    """A problem that can be told as arrays, to be solved in one place."""
+
+    def share(self) -> Share:
+        """What this agent knows, as arrays."""

@@ -1,0 +1,65 @@
+"""The mean of values, where mixing finds it and where only push-sum does."""
+
+import numpy as np
+import pytest
+
+from dcf_zenoh.algorithms.average_consensus import average_consensus
+from dcf_zenoh.algorithms.push_sum import push_sum
+from dcf_zenoh.errors import AlgorithmError
+from dcf_zenoh.graph import Graph
+from dcf_zenoh.plant import Array
+from dcf_zenoh.problems.average import Average
+from dcf_zenoh.testing import fleet_of, lockstep
+from tests.answers import TOPOLOGIES, Problems, course, everywhere, graph, random_graph
+from topologies.ring import ring
+
+FIVE = (1, 2, 3, 4, 5)
+CHORD = [*ring(FIVE, directed=True), (1, 3), (1, 4)]  # agent 1 has more listeners than the others
+
+
+def values(seed: int, agents: tuple[int, ...] = FIVE) -> tuple[Problems, Array]:
+    drawn = np.random.default_rng(seed).normal(size=(len(agents), 2))
+    return {i: Average(value=value.tolist()) for i, value in zip(agents, drawn, strict=True)}, drawn.mean(axis=0)
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("links", [ring(FIVE, directed=True), CHORD], ids=["ring", "chord"])
+@pytest.mark.parametrize("weights", ["uniform", "uneven"])
+def test_push_sum_finds_the_mean_on_directed_graphs_whatever_the_weights(
+    weights: str, links: list[tuple[int, int]], seed: int
+) -> None:
+    problems, mean = values(seed)
+    found = course(push_sum, problems, Graph.of(FIVE, links), everywhere(mean, FIVE), 200, weights=weights)
+    assert found.error < 1e-12
+    assert found.rate < 0.95
+
+
+@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("topology", TOPOLOGIES)
+def test_push_sum_finds_it_on_undirected_graphs_too(topology: str, seed: int) -> None:
+    problems, mean = values(seed)
+    found = course(push_sum, problems, graph(topology, FIVE), everywhere(mean, FIVE), 300)
+    assert found.error < 1e-12
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("weights", ["metropolis", "laplacian"])
+def test_average_consensus_finds_it_with_doubly_stochastic_weights(weights: str, seed: int) -> None:
+    network = random_graph(seed)
+    problems, mean = values(seed, network.agents)
+    results = lockstep(average_consensus, problems, fleet_of(network, weights=weights), 300)
+    for result in results.values():
+        np.testing.assert_allclose(result.decision, mean, atol=1e-9)
+
+
+@pytest.mark.parametrize("weights", ["uniform", "uneven"])
+def test_average_consensus_refuses_weights_that_are_not(weights: str) -> None:
+    fleet = fleet_of(Graph.of(FIVE, CHORD), weights=weights)
+    with pytest.raises(AlgorithmError, match="average_consensus needs doubly stochastic weights; these are not"):
+        lockstep(average_consensus, values(0)[0], fleet, 1)
+
+
+def test_uneven_weights_are_not_doubly_stochastic_even_on_a_directed_ring() -> None:
+    directed = Graph.of(FIVE, ring(FIVE, directed=True))
+    assert all(me.neighbourhood.doubly_stochastic for me in fleet_of(directed, weights="uniform").values())
+    assert not any(me.neighbourhood.doubly_stochastic for me in fleet_of(directed, weights="uneven").values())

@@ -1,0 +1,37 @@
+"""Links between those who are near."""
+
+from collections.abc import Sequence
+from itertools import combinations
+
+import numpy as np
+
+from topologies.drawing import connected
+
+
+def geometric(agents: Sequence[int], *, radius: float = 0.5, seed: int = 0) -> list[tuple[int, int]]:
+    """Agents are thrown into a unit square, and hear each other within a radius; again until the graph is connected.
+
+    These places have nothing to do with where plants are.
+
+    Args:
+        agents: Ids, ascending.
+        radius: Positive; the square has side 1.
+        seed: Of the random numbers.
+
+    Returns:
+        Links (sender, receiver).
+
+    Raises:
+        ValueError: `radius` is not positive.
+        TopologyError: It is so small that no connected graph was found.
+
+    Source: Penrose, "Random geometric graphs", 2003.
+    """
+    if not radius > 0:
+        raise ValueError(f"radius must be positive, not {radius}")
+
+    def draw(rng: np.random.Generator) -> list[tuple[int, int]]:
+        places = dict(zip(agents, rng.random((len(agents), 2)), strict=True))
+        return [(i, j) for i, j in combinations(agents, 2) if np.hypot(*(places[i] - places[j])) <= radius]
+
+    return connected(agents, seed, draw, f"choose a radius above {radius:g}")
