@@ -31,6 +31,7 @@ kind = "trades"
 [plants.hardware]
 kind = "crazyflie_hardware"
 cache = "{cache}"
+retries = 25               # the machine may be busy
 """
 AGENT = """
 [agents.{agent}]
