@@ -31,7 +31,8 @@ class Inspection:
     @property
     def problems(self) -> list[str]:
         """One line for each thing that keeps the agent on the ground."""
-        found = [f"agent {self.agent}: {check.name}: {check.problem}" for check in self.checks if check.problem]
+        bad = [check for check in self.checks if check.problem]
+        found = [f"agent {self.agent}: {check.name} {check.value}: {check.problem}" for check in bad]
         return [self.failure, *found] if self.failure else found
 
 

@@ -134,7 +134,7 @@ class Flight:
             self._checks = self._plant.checks()
         if self._checks:
             self._recorder.event("inspected", 0, checks=[list(check) for check in self._checks])
-        problems = [f"{check.name}: {check.problem}" for check in self._checks if check.problem]
+        problems = [f"{check.name} {check.value}: {check.problem}" for check in self._checks if check.problem]
         return PlantError(f"agent {self._me.id}: not ready to fly: {'; '.join(problems)}") if problems else None
 
     def _go_through(self, phase: str, perform: Callable[[], Pauses]) -> Loop[None]:

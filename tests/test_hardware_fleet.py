@@ -172,7 +172,7 @@ def test_drone_with_a_low_battery_lands_and_says_so(flights: Mapping[str, "Futur
 def test_one_drone_that_is_not_ready_keeps_all_on_the_ground(flights: Mapping[str, "Future[Flight]"]) -> None:
     flight = flights["not ready"].result(2 * LONG)
     assert flight.code == 1
-    assert "agent 1: not ready to fly: battery: " in flight.errors
+    assert "agent 1: not ready to fly: battery 3.50 V: " in flight.errors
     for drone in flight.drones.values():
         assert not {"arm", "take_off"} & set(drone.orders)
         assert "armed" not in drone.events

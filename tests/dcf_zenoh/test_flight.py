@@ -59,7 +59,7 @@ def test_where_one_cannot_go_on_nobody_does_and_who_was_armed_lands(sandbox: San
 
 
 def test_a_problem_found_by_the_inspection_keeps_everybody_on_the_ground(sandbox: Sandbox) -> None:
-    text = r"^agent 2: not ready to fly: battery: at least 3\.5 V is needed$"
+    text = r"^agent 2: not ready to fly: battery 3\.92 V: at least 3\.5 V is needed$"
     with pytest.raises(PlantError, match=text):
         sandbox.fly("agents.2.plants.body.fails='checks'")
     assert {what for _, what in sandbox.entries} == {"prepare", "inspect", "close"}
