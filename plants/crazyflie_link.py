@@ -122,6 +122,10 @@ class Link:
         self._failure = self._failure or "closed"
         if self._opening is not None:
             self._opening.join()
+        updater = self.crazyflie.param.param_updater
+        if updater is not None:  # it sends as long as there is a link, and fails where that goes away meanwhile
+            updater.close()
+            updater.join(1.0)
         driver, self.crazyflie.link = self.crazyflie.link, None
         if driver is not None:
             driver.close()

@@ -74,7 +74,7 @@ BAD_FLEETS = {
     "unknown plug-in": (
         ["--set", "plants.point.kind=point_mas"],
         "plants.point.kind: unknown kind 'point_mas'; did you mean 'point_mass'?"
-        " known plants: crazyflie, point_mass, single_integrator, unicycle;"
+        " known plants: crazyflie, crazyflie_hardware, point_mass, single_integrator, unicycle;"
         " or 'package.module:Name', './file.py:Name'",
     ),
     "unknown topology": (
