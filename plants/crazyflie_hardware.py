@@ -1,5 +1,6 @@
 """The Crazyflie as a plant, real: by Crazyradio, USB, UDP or TCP."""
 
+import atexit
 import logging
 import os
 import time
@@ -153,6 +154,7 @@ class CrazyflieHardware(Plant):
         with self._blamed():
             if self._pose is not None:
                 self._pose.open()
+            atexit.register(self.close)  # in case nobody else does
             link = yield from connect(self._uri, self._cache, timeout=timeout, retries=retries)
             vitals = Vitals(link)
             self._craft = Craft(link, vitals, Pilot(link, vitals, self._bounds, self._pose))
@@ -291,19 +293,21 @@ class CrazyflieHardware(Plant):
 
     def close(self) -> None:
         """Land, if it is in the air and can be reached; then release the link."""
-        craft, self._craft = self._craft, None
-        if craft is not None:
+        atexit.unregister(self.close)
+        if self._craft is not None:
             try:
-                self._release(craft)
+                self._release(self._craft)
             except PlantError as error:  # there is nobody left who could do anything about it
                 log.error("%s: %s", self._name, error)
+            self._craft = None
         if self._pose is not None:
             self._pose.close()
 
     def emergency_stop(self) -> None:
         """Stop the motors, from any thread; it falls, and has to be restarted."""
-        if self._craft is not None:
-            self._craft.pilot.stop()
+        craft = self._craft
+        if craft is not None:
+            craft.pilot.stop()
 
     def _release(self, craft: Craft) -> None:
         if craft.pilot.airborne and not craft.link.lost:
@@ -349,7 +353,8 @@ class CrazyflieHardware(Plant):
         craft = self._connected()
         pilot = craft.pilot
         if failure := pilot.failure or ("" if pilot.airborne else "it has landed"):
-            state = "is landing" if pilot.airborne else "landed"
+            out_of_reach = pilot.airborne and craft.link.lost
+            state = "out of reach" if out_of_reach else "is landing" if pilot.airborne else "landed"
             raise PlantError(f"{self._name}: {state}: {failure}")
         age, allowed = craft.vitals.motion.age, self._bounds.state_age_max
         if age > allowed + STUCK:  # the pilot would have said so, but waits for the link

@@ -35,6 +35,9 @@ class Link:
         uri: Of the drone.
         cache: Folder for the tables.
 
+    Raises:
+        PlantError: The folder cannot be made.
+
     Attributes:
         commander: Low-level setpoints (cflib's `Commander`).
         high_level: Take-off, going to a point, landing (cflib's `HighLevelCommander`).
@@ -48,6 +51,10 @@ class Link:
         from cflib.crazyflie.high_level_commander import HighLevelCommander  # noqa: PLC0415
         from cflib.crtp.crtpstack import CRTPPacket  # noqa: PLC0415
 
+        try:
+            cache.mkdir(parents=True, exist_ok=True)  # cflib would stumble where two processes make it at once
+        except OSError as error:
+            raise PlantError(f"cache {cache}: {error.strerror}") from error
         self._uri = uri
         self._packet = CRTPPacket
         self._heard = time.monotonic()
@@ -122,6 +129,10 @@ class Link:
         self._failure = self._failure or "closed"
         if self._opening is not None:
             self._opening.join()
+        updater = self.crazyflie.param.param_updater
+        if updater is not None:  # it sends as long as there is a link, and fails where that goes away meanwhile
+            updater.close()
+            updater.join(1.0)
         driver, self.crazyflie.link = self.crazyflie.link, None
         if driver is not None:
             driver.close()

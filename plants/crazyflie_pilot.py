@@ -84,11 +84,6 @@ class Pilot:
         if self._thread.is_alive():
             self._thread.join(1.0)
 
-    @property
-    def has_landed(self) -> bool:
-        """It flew, or was to, and does not any more."""
-        return self._rank >= LAND and not self.airborne
-
     def take_off(self, height: float) -> Iterator[float]:
         """Climb straight up to `height`, in m, and hover there."""
         return self._carry_out(FLY, lambda done: self._climb(height, done))

@@ -121,7 +121,8 @@ class Stream:
             height = allowed_height(aim.height + aim.climb * (now - aim.since))
         else:
             here = motion.position_after(min(motion.age, self._bounds.state_age_max))
-            east, north = shortened(APPROACH * (np.array(aim[:2]) - here[:2]), APPROACH_MAX)
+            away = np.array(aim[:2]) - here[:2]
+            east, north = shortened(APPROACH * away, min(APPROACH_MAX, self._bounds.speed_max))
             height = aim.z
         cosine, sine = math.cos(motion.yaw), math.sin(motion.yaw)  # the firmware wants it in the body's frame
         commander.send_hover_setpoint(cosine * east + sine * north, cosine * north - sine * east, 0.0, height)

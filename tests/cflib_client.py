@@ -31,8 +31,14 @@ class Client:
         self.logged: dict[str, float] = {}
         self.received = 0
         self.errors: list[str] = []
-        self._sync = sync
+        self.cf.supervisor._cache_timeout = 0.0  # what it knows may be from before a restart
         self.cf.connection_lost.add_callback(lambda _, text: self.errors.append(text))
+
+    def renew(self) -> None:
+        """Forget what was logged, and log nothing more."""
+        self.cf.log.reset()
+        self.logged.clear()
+        self.received = 0
 
     def log(self, *names: str, period: int = 20) -> LogConfig:
         """Have variables sent every `period`, ms, and wait for the first."""
@@ -76,9 +82,13 @@ class Client:
         self.cf.high_level_commander.land(0.0, duration)
         until(lambda: not self.cf.supervisor.is_flying, "it has landed", duration + 8.0)
 
-    def close(self) -> None:
-        """Close the link, as a program that ends its ``with`` does."""
-        self._sync.close_link()
+    def stop_pinging(self) -> None:
+        """End cflib's pings, for a link that will be lost.
+
+        Where cflib 0.1.34 gets an error while it sends, it waits for its ping thread with the lock held that this
+        thread needs to send: both wait for ever.
+        """
+        self.cf.link_statistics.stop()
 
     def _receive(self, _time: int, values: dict[str, Any], _block: LogConfig) -> None:
         self.logged.update(values)

@@ -14,7 +14,7 @@ from typing import IO, Any, Self, cast
 
 import numpy as np
 
-from plants.emulator.truth import Record, read_truth
+from plants.emulator.truth import Record
 
 # Before each test: as it was switched on, whatever was done to it before.
 AFRESH = (
@@ -59,7 +59,8 @@ class Emulated:
 
     def __init__(self, folder: Path, *options: str) -> None:
         self._path = folder / "drone-1.jsonl"
-        self._since = 0.0
+        self._read, self._rest = 0, b""
+        self._records: list[Record] = []
         command = [sys.executable, "-m", "agentd", "emulate-crazyflie", "--n", "1", "--port", "0", *options]
         self._process = subprocess.Popen(
             [*command, "--truth", str(folder), "--until-stdin-closes"],
@@ -95,7 +96,8 @@ class Emulated:
         """Switch it off and on, standing there (m, m, deg); what it did before is not told any more."""
         for line in (*AFRESH, f"place {x} {y} {yaw}"):
             self.say(line)
-        self._since = self.state["time"]
+        since = self.state["time"]
+        self._records = [record for record in self.truth if record.time > since]
 
     @property
     def state(self) -> dict[str, Any]:
@@ -106,7 +108,14 @@ class Emulated:
     @property
     def truth(self) -> list[Record]:
         """What it did and was told, so far."""
-        return [record for record in read_truth(self._path) if record.time >= self._since]
+        with self._path.open("rb") as stream:  # only what is new: it becomes long
+            stream.seek(self._read)
+            data = stream.read()
+        self._read += len(data)
+        *lines, self._rest = (self._rest + data).split(b"\n")
+        for fields in map(json.loads, lines):
+            self._records.append(Record(fields.pop("kind"), fields.pop("time"), fields))
+        return list(self._records)
 
     @property
     def events(self) -> list[str]:

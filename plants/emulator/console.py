@@ -108,7 +108,7 @@ def _drift(drone: Drone, now: float, words: list[str]) -> str:  # noqa: ARG001
 
 def _place(drone: Drone, now: float, words: list[str]) -> str:  # noqa: ARG001
     x, y, *yaw = (float(word) for word in words)
-    drone.firmware.body.place(np.array([x, y]), np.radians(yaw[0]) if yaw else 0.0)
+    drone.firmware.place(np.array([x, y]), np.radians(yaw[0]) if yaw else 0.0)
     return ""
 
 

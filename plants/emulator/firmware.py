@@ -101,6 +101,11 @@ class Firmware:
         self.belief.reset()
         self.event("restarted")
 
+    def place(self, position: Array, yaw: float) -> None:
+        """Put it on the ground, at `position`, shape (2,), m, with a heading, rad."""
+        self.body.place(position, yaw)
+        self._airborne = False
+
     def receive(self, packet: Packet) -> list[Packet]:
         """Take in a packet; the answers, if there are any. What is not understood is not answered."""
         handler = self._handlers.get(packet.port)

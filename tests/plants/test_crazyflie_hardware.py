@@ -94,6 +94,12 @@ def test_it_is_real_and_has_its_drone_for_itself() -> None:
     assert 10 < CrazyflieHardware.landing_time < 60
 
 
+def test_a_cache_that_cannot_be_made_is_an_error(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("", encoding="utf-8")
+    text = refusal(crazyflie(cache=str(tmp_path / "file" / "cache")))
+    assert text == f"agent 2: cache {tmp_path}/file/cache: Not a directory"
+
+
 def test_without_cflib_the_error_says_what_to_install() -> None:
     program = """
 import sys, time

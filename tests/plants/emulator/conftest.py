@@ -22,9 +22,18 @@ def drone(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Emulated]:
         yield running
 
 
-@pytest.fixture
-def cf(drone: Emulated, cache: Path) -> Iterator[Client]:
-    """cflib, connected to the drone, which has been switched off and on."""
+@pytest.fixture(scope="module")
+def connection(drone: Emulated, cache: Path) -> Iterator[Client]:
+    """cflib, connected to the drone; silent until it is used."""
     drone.renew()
     with client(drone.uri, cache) as connected:
+        connected.stop_pinging()
         yield connected
+
+
+@pytest.fixture
+def cf(drone: Emulated, connection: Client) -> Client:
+    """cflib, connected to the drone, which has been switched off and on."""
+    drone.renew()
+    connection.renew()
+    return connection

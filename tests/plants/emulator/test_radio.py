@@ -13,6 +13,14 @@ from tests.cflib_client import Client, client
 from tests.emulated import Emulated, until
 
 
+@pytest.fixture
+def cf(drone: Emulated, cache: Path) -> Iterator[Client]:
+    """cflib with a link of its own, which may come to an end."""
+    drone.renew()
+    with client(drone.uri, cache) as connected:
+        yield connected
+
+
 def radio(**air: float) -> Radio:
     return Radio(Air(**air), np.random.default_rng(1))
 
@@ -102,6 +110,7 @@ def test_longer_silence_makes_it_level_out_and_is_over_by_itself(cf: Client, dro
 
 
 def test_dead_link_is_first_stale_and_then_an_error_and_the_drone_falls(cf: Client, drone: Emulated) -> None:
+    cf.stop_pinging()
     cf.log("stateEstimate.z")
     cf.take_off()
     cf.hover(0.5)
@@ -118,6 +127,7 @@ def test_dead_link_is_first_stale_and_then_an_error_and_the_drone_falls(cf: Clie
 
 
 def test_drone_is_within_reach_again_when_the_link_is_restored(cf: Client, drone: Emulated, cache: Path) -> None:
+    cf.stop_pinging()
     drone.say("kill-link")
     until(lambda: "link lost" in drone.events, "the link is lost")
     cf.stream(0.2, cf.cf.commander.send_stop_setpoint)
