@@ -135,7 +135,7 @@ class Run:
     def arrival_time(self) -> float | None:
         """Since when all agents have been near their targets, if they stayed so for as long as the fleet asks.
 
-        Where the targets are not in the fleet file, but agreed on in flight, it is when the agents found so, at the latest.
+        Where targets are agreed on in flight and not in the fleet file, it is by what the agents found.
         """
         rule = self.fleet.time.arrived
         if rule is None or not self.steps:
