@@ -12,7 +12,7 @@ from rich.console import Console
 from agentd.progress import Progress
 from agentd.rundir import check_unused, default_endpoints, new_run_folder, read_about, write_about
 from dcf_zenoh.config import LoadedFleet, load, to_toml
-from dcf_zenoh.errors import ConfigurationError, DcfError, RecordingError
+from dcf_zenoh.errors import ConfigurationError, DcfError, Landed, RecordingError
 from dcf_zenoh.plugins import GROUPS
 from dcf_zenoh.run import Run
 
@@ -67,6 +67,7 @@ def run(options: Namespace) -> int:
         endpoints=endpoints or default_endpoints(fleet.spec),
         rejoin=options.rejoin,
         status=status,
+        agreed=options.yes,
     )
     run_agent(fleet, task)
     return 0
@@ -148,6 +149,47 @@ def fault(options: Namespace) -> int:
     return change_fault(options.run, options.senders, options.receivers, options.words)
 
 
+def preflight(options: Namespace) -> int:
+    """Connect to the bodies of FLEET and say what shape they are in. Nothing moves.
+
+    For Crazyflies: battery, link quality, base stations, variance of the estimate, heading, distance from the start.
+    The exit code is 1 if one of them could not fly.
+    """
+    from agentd.preflight import inspect, table  # noqa: PLC0415
+
+    options.clock = options.clock or "wall"
+    fleet = _load(options)
+    found = inspect(fleet)
+    console = Console(file=options.output)
+    console = console if console.is_terminal else Console(file=options.output, width=WIDE)
+    console.print(table(fleet.spec.name, found), highlight=False)
+    problems = [line for each in found for line in each.problems]
+    for line in problems:
+        print(f"agentd: {line}", file=sys.stderr)
+    return 1 if problems else 0
+
+
+def land(options: Namespace) -> int:
+    """Land all agents of RUN where they are, and end the run. They answer when they have heard it.
+
+    In the terminal of `agentd launch` the key l does the same.
+    """
+    from agentd.order import order  # noqa: PLC0415 - Zenoh is for those who need it
+
+    return order(options.run, "land")
+
+
+def stop(options: Namespace) -> int:
+    """Emergency stop: all motors of RUN off at once, wherever the bodies are. They fall.
+
+    It does not go through the control loop, so it also works where an algorithm hangs; such an agent cannot answer.
+    In the terminal of `agentd launch` the key x does the same.
+    """
+    from agentd.order import order  # noqa: PLC0415 - Zenoh is for those who need it
+
+    return order(options.run, "stop")
+
+
 def rerun(options: Namespace) -> int:
     """Repeat RUN from what its directory holds (fleet file, plug-in files), and compare the two.
 
@@ -176,6 +218,30 @@ def diff(options: Namespace) -> int:
     difference = compare(Run.read(options.a), Run.read(options.b), tolerance=options.tolerance)
     print(difference)
     return 0 if difference.identical else 1
+
+
+def compare(options: Namespace) -> int:
+    """Run FLEET once for every variant, and draw the variants side by side: paths, times, rounds; and a table.
+
+    --vary takes plant, algorithm, topology, seed or clock, as the options of these names do, or any key of a fleet
+    file; several --vary make all combinations. What varies wins over all other options.
+
+      agentd compare position_swap --vary plant=point,twin
+      agentd compare position_swap_lossy --vary faults.loss=0.1,0.3 --vary seed=1,2,3
+
+    A variant is simulated, in virtual time, unless its clock is said to be the wall clock (--clock, or --vary clock) or
+    a plant of it is real: then it is launched as daemons in real time. With --launch all are launched, on the clock of
+    the fleet.
+
+    The table, which is also in comparison.csv: when all had arrived; overshoot: how far an agent was beyond its target,
+    at most, along the line from its start; least distance and barrier value; for how long the barrier value was
+    negative, and how often; RMS distance from where the plan of the step before said that a body would be; rounds;
+    negotiation; deadlines missed. All at the samples. The exit code is 1 if a variant failed; the others run all the
+    same.
+    """
+    from agentd.compare import compare_variants  # noqa: PLC0415
+
+    return compare_variants(options)
 
 
 def links(options: Namespace) -> int:
@@ -240,6 +306,24 @@ def why(options: Namespace) -> int:
     return 0
 
 
+def emulate_crazyflie(options: Namespace) -> int:
+    """Be software Crazyflies, each at a port of its own, that cflib connects to and flies as if they were real.
+
+    Each prints a line ``ready NUMBER URI``. While they run, lines on standard input make trouble, each is answered:
+
+      1 battery 3.1          volts              2 silence 0.3      nothing gets through, s
+      1 kill-link            restore-link       all loss 0.02      of packets
+      3 refuse-arm on        off                3 tumble on        upside down
+      2 variance 0.5         m^2, or off        2 freeze-estimate on
+      4 base-stations 0      that it sees       4 drift 0.3 0.0    carried along, m/s
+      1 place 0.5 0.0 90     m, m, deg          1 restart          off and on again
+      1 state                                   quit
+    """
+    from agentd.emulate import emulate  # noqa: PLC0415 - compiles the model
+
+    return emulate(options)
+
+
 def _launch(fleet: LoadedFleet, folder: Path, options: Namespace) -> None:
     """Launch, and say what came of it, also when it failed."""
     from agentd.fleet import launch as launch_fleet  # noqa: PLC0415 - Zenoh is for those who need it
@@ -247,7 +331,7 @@ def _launch(fleet: LoadedFleet, folder: Path, options: Namespace) -> None:
     failure: DcfError | None = None
     with Progress(fleet.spec, quiet=options.json) as progress:
         try:
-            launch_fleet(fleet, folder, progress.show, progress.say)
+            launch_fleet(fleet, folder, progress.show, progress.say, yes=options.yes)
         except DcfError as error:
             failure = error
     try:
@@ -264,7 +348,10 @@ def _simulate(fleet: LoadedFleet, folder: Path, options: Namespace) -> None:
     from dcf_zenoh.simulation import simulate as simulate_fleet  # noqa: PLC0415
 
     write_about(folder, {"fleet": fleet.spec.name, "run": folder.resolve().name, "source": fleet.source})
-    _finish(simulate_fleet(fleet, out=folder), options)
+    found = simulate_fleet(fleet, out=folder)
+    _finish(found, options)
+    if landed := [log.landed for log in found.agents.values() if log.landed]:
+        raise Landed("\n".join(landed))
 
 
 def _load(options: Namespace, *, run_plugins: bool = True) -> LoadedFleet:

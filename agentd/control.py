@@ -1,12 +1,14 @@
-"""Faults that an operator changes while the fleet flies: what is said on the wire, and what the daemon does.
+"""What operators ask of an agent while the fleet flies: what is said on the wire, and what the daemon does.
+
+Faults can be changed, and the flight ended.
 
 Requests and answers are maps in msgpack. What an agent has done stands in its log in the same form.
 """
 
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from math import inf
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Annotated, Any, Literal, TypeAlias, TypeVar
 
 import msgpack
 from pydantic import Field, TypeAdapter, ValidationError
@@ -51,6 +53,18 @@ class Show(Table):
     do: Literal["show"] = "show"
 
 
+class Land(Table):
+    """End the flight."""
+
+    do: Literal["land"] = "land"
+
+
+class Halt(Table):
+    """Motors off at once. It is for the body, wherever the loop is; the loop ends and answers."""
+
+    do: Literal["stop"] = "stop"
+
+
 class Done(Table):
     """What an agent has done.
 
@@ -81,11 +95,14 @@ class Answer(Table):
     changes: tuple[Done, ...] = ()
 
 
-_REQUEST: TypeAdapter[Change | Clear | Show] = TypeAdapter(
-    Annotated[Change | Clear | Show, Field(discriminator="do")],
-)
+Order: TypeAlias = Change | Clear | Show | Land | Halt
+_REQUEST: TypeAdapter[Order] = TypeAdapter(Annotated[Order, Field(discriminator="do")])
 _ANSWER = TypeAdapter(Answer)
 _DONE = TypeAdapter(Done)
+
+
+def _plain(item: Table) -> dict[str, Any]:
+    return item.model_dump(exclude_none=True, mode="json")
 
 
 def encode(item: Table) -> bytes:
@@ -94,7 +111,10 @@ def encode(item: Table) -> bytes:
     return data
 
 
-def decode_request(data: bytes) -> Change | Clear | Show:
+HALT = encode(Halt())
+
+
+def decode_request(data: bytes) -> Order:
     """What an operator asks for.
 
     Raises:
@@ -135,16 +155,24 @@ class Control:
         neighbours: Whom it hears.
         links: Neighbour -> faults of the link from it, as the agent uses them; links without any are added.
         recorder: Its log.
+        end: Ends the flight, for a reason.
     """
 
     def __init__(
-        self, agent: int, fleet: LoadedFleet, neighbours: tuple[int, ...], links: dict[int, Link], recorder: Recorder
+        self,
+        agent: int,
+        fleet: LoadedFleet,
+        neighbours: tuple[int, ...],
+        links: dict[int, Link],
+        recorder: Recorder,
+        end: Callable[[str], None],
     ) -> None:
         self._agent = agent
         self._fleet = fleet
         self._neighbours = neighbours
         self._links = links
         self._recorder = recorder
+        self._end = end
         self._done: list[Done] = []
 
     def obey(self, data: bytes, now: int) -> bytes:
@@ -164,6 +192,9 @@ class Control:
             request = decode_request(data)
             if isinstance(request, Show):
                 return encode(Answer(agent=self._agent, time=now, changes=tuple(self._done)))
+            if isinstance(request, Land | Halt):
+                self._end("landed by an operator" if isinstance(request, Land) else "emergency stop by an operator")
+                return encode(Answer(agent=self._agent, time=now))
             self._do(done := Done(time=now, change=request))
         except (MessageError, ConfigurationError) as error:
             return encode(Answer(agent=self._agent, time=now, error=str(error)))
@@ -198,10 +229,6 @@ class Control:
                 link = self._links.setdefault(j, Link(spec.seed, j, self._agent))
                 link.add(name, (done.time, inf), fault)
         self._done.append(done)
-
-
-def _plain(item: Table) -> dict[str, Any]:
-    return item.model_dump(exclude_none=True, mode="json")
 
 
 def _decode(data: bytes, adapter: TypeAdapter[T], longest: int, what: str) -> T:

@@ -4,28 +4,26 @@ import hashlib
 import json
 import logging
 import os
-import signal
 import sys
-import threading
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from types import FrameType
-from typing import TextIO
+from typing import Any, TextIO
 
-from agentd.control import Control, changes_in
-from agentd.runner import Stopped, await_goodbyes, run_virtual, run_wall, spare_collector
+from agentd.control import HALT, Control, changes_in
+from agentd.operators import EmergencyStop, listening
+from agentd.runner import await_goodbyes, run_virtual, run_wall, spare_collector
+from dcf_zenoh.agent import Ending
 from dcf_zenoh.agent_log import AgentLog
 from dcf_zenoh.assembly import AgentParts, Blueprint, LastLife
 from dcf_zenoh.config import LoadedFleet, to_toml
-from dcf_zenoh.errors import NetworkError, PlantError, RecordingError, blaming
+from dcf_zenoh.errors import NetworkError, RecordingError
 from dcf_zenoh.messaging.hello import ClockOffset
 from dcf_zenoh.messaging.message import VERSION, Last
-from dcf_zenoh.messaging.network import Address, Network, Stop, endpoints_to_connect
+from dcf_zenoh.messaging.network import Address, Agreed, Network, Stop, endpoints_to_connect
 from dcf_zenoh.plant import State, read_only
 from dcf_zenoh.recording import StepRecord, log_name, open_log
-from dcf_zenoh.requests import NEVER
+from dcf_zenoh.requests import Report
 
 log = logging.getLogger(__name__)
 GOODBYE_TIMEOUT = 2.0  # s to wait for the neighbours' goodbyes
@@ -43,6 +41,7 @@ class Assignment:
         endpoints: Where every agent listens.
         rejoin: The fleet is under way, and this agent was in it before.
         status: Where a launcher reads status lines, whose end closes standard input; None: nobody launched this one.
+        agreed: A person has agreed to the take-off.
     """
 
     agent: int
@@ -51,6 +50,7 @@ class Assignment:
     endpoints: dict[int, str]
     rejoin: bool = False
     status: TextIO | None = None
+    agreed: bool = False
 
 
 def fingerprint(fleet: LoadedFleet) -> str:
@@ -63,7 +63,7 @@ def fingerprint(fleet: LoadedFleet) -> str:
 
 
 def run_agent(fleet: LoadedFleet, task: Assignment) -> Last:
-    """Run one agent to its end.
+    """Run one agent to its planned end.
 
     Raises:
         DcfError: Whatever ended it before its time.
@@ -79,11 +79,14 @@ def run_agent(fleet: LoadedFleet, task: Assignment) -> Last:
     )
     life = last_life(task.folder, task.agent) if task.rejoin else None
     incarnation = life.incarnation if life else 0
+    emergency = EmergencyStop()
     with (
         open_log(task.folder, task.agent, again=task.rejoin) as stream,
-        Network(task.agent, hood, address) as network,
-        _stop_events(network, supervised=task.status is not None),
+        Network(task.agent, hood, address, lambda request: emergency.pull() if request == HALT else None) as network,
+        listening(network, emergency, supervised=task.status is not None),
     ):
+        if task.agreed:
+            network.notify(Agreed())
         offsets = network.meet(fingerprint(fleet), fleet.spec.zenoh.ready_timeout, incarnation)
         if life and not network.start:
             raise NetworkError(f"agent {task.agent}: --rejoin: this fleet has not started yet")
@@ -93,13 +96,21 @@ def run_agent(fleet: LoadedFleet, task: Assignment) -> Last:
             "incarnation": incarnation,
             "clock_offsets": {j: (offset.ahead, offset.error) for j, offset in offsets.items()},
         }
-        status = Status(task.agent, task.status) if task.status else None
-        observe = status.observe if status else lambda _record: None
-        parts = blueprint.build(task.agent, stream, about, observe, life)
-        control = Control(task.agent, fleet, hood.receives_from, parts.links, parts.recorder)
+        status = Status(task.agent, task.status)
+        parts = blueprint.build(task.agent, stream, about, status.observe, life)
+        emergency.guard(parts.plant)
+        control = Control(
+            task.agent, fleet, hood.receives_from, parts.links, parts.recorder, lambda why: network.notify(Stop(why))
+        )
         if life:
             control.restore(changes_in(read_log(task.folder, task.agent)))
-        return _run(fleet, parts, network, hood.receives_from, offsets, control)
+        try:
+            ending = _run(fleet, parts, network, offsets, control, status)
+        finally:
+            parts.plant.close()
+    if ending.cause:
+        raise ending.cause
+    return ending.last
 
 
 def last_life(folder: Path, agent: int) -> LastLife:
@@ -128,34 +139,6 @@ def read_log(folder: Path, agent: int) -> AgentLog:
         raise RecordingError(f"{path}: --rejoin: cannot be read: {error.strerror}") from error
 
 
-def _run(
-    fleet: LoadedFleet,
-    parts: AgentParts,
-    network: Network,
-    senders: tuple[int, ...],
-    offsets: Mapping[int, ClockOffset],
-    control: Control,
-) -> Last:
-    last = Last.FAILED
-    try:
-        with blaming(PlantError, f"agent {parts.id}: prepare"):
-            parts.plant.prepare()
-        spare_collector()
-        if fleet.spec.time.clock == "wall":
-            last = run_wall(parts, network, offsets, control.obey)
-        else:
-            last = run_virtual(parts, network, fleet.spec.zenoh.silence_timeout)
-        await_goodbyes(parts, network, senders, GOODBYE_TIMEOUT)
-        return last
-    except BaseException as error:
-        reason = "stopped" if isinstance(error, Stopped) else "failed"
-        parts.recorder.end(reason, -1, State(), str(error), parts.exchange.counts)
-        network.publish(parts.exchange.goodbye(NEVER, 0, Last.FAILED).message)
-        raise
-    finally:
-        parts.plant.close()
-
-
 def claim_stdout() -> TextIO:
     """Keep standard output for status lines; whatever else is printed, by plug-ins say, goes to standard error."""
     stream = os.fdopen(os.dup(1), "w", encoding="utf-8")
@@ -169,10 +152,10 @@ class Status:
 
     Args:
         agent: Id.
-        stream: Read by the launcher.
+        stream: Read by the launcher; None: there is none.
     """
 
-    def __init__(self, agent: int, stream: TextIO) -> None:
+    def __init__(self, agent: int, stream: TextIO | None) -> None:
         self._agent = agent
         self._stream = stream
         self._late = 0
@@ -181,41 +164,49 @@ class Status:
         """Report a finished step."""
         self._late += record.late
         half = len(record.state) // 2
-        line = {
-            "agent": self._agent,
-            "step": record.step,
-            "rounds": record.rounds,
-            "late": self._late,
-            "position": record.state[:half],
-            "remark": record.remark,
-        }
+        self._tell(
+            step=record.step,
+            rounds=record.rounds,
+            late=self._late,
+            position=record.state[:half],
+            remark=record.remark,
+        )
+
+    def report(self, phase: Report) -> None:
+        """Report that a phase of the flight begins, and what the inspection has found."""
+        self._tell(phase=phase.phase, checks=phase.checks)
+
+    def _tell(self, **what: Any) -> None:
+        if self._stream is None:
+            return
         try:
-            print(json.dumps(line), file=self._stream, flush=True)
+            print(json.dumps({"agent": self._agent, **what}), file=self._stream, flush=True)
         except (BrokenPipeError, ValueError):
-            self._stream = open(os.devnull, "w")  # noqa: SIM115, PTH123 - nobody reads; the log has it all
+            self._stream = None  # nobody reads; the log has it all
 
 
-@contextmanager
-def _stop_events(network: Network, *, supervised: bool) -> Iterator[None]:
-    """Turn SIGINT, SIGTERM and the launcher's death into stop events while the body runs."""
+def _run(
+    fleet: LoadedFleet,
+    parts: AgentParts,
+    network: Network,
+    offsets: Mapping[int, ClockOffset],
+    control: Control,
+    status: Status,
+) -> Ending:
+    """Lead the loop to its end, and at a planned one stay until the neighbours have ended too."""
 
-    def on_signal(number: int, _frame: FrameType | None) -> None:
-        network.notify(Stop(f"stopped by {signal.Signals(number).name}"))
+    def report(phase: Report) -> None:
+        status.report(phase)
+        if phase.phase == "start":
+            spare_collector()
 
-    before = {number: signal.signal(number, on_signal) for number in (signal.SIGINT, signal.SIGTERM)}
-    if supervised:
-
-        def watch() -> None:
-            while os.read(0, 1024):  # the launcher writes nothing: this returns when it closes its end, or dies
-                pass
-            network.notify(Stop("stopped by the launcher's end"))
-
-        threading.Thread(target=watch, name="launcher-watch", daemon=True).start()
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+    if fleet.spec.time.clock == "wall":
+        ending = run_wall(parts, network, offsets, control.obey, report)
+    else:
+        ending = run_virtual(parts, network, fleet.spec.zenoh.silence_timeout, fleet.spec.zenoh.ready_timeout, report)
+    if ending.cause is None:
+        await_goodbyes(parts, network, GOODBYE_TIMEOUT)
+    return ending
 
 
 def _check_offsets(agent: int, offsets: dict[int, ClockOffset], *, wall: bool) -> None:

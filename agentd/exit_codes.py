@@ -2,12 +2,13 @@
 
 import signal
 
-from dcf_zenoh.errors import ConfigurationError, DcfError, Interrupted, NeighbourLost
+from dcf_zenoh.errors import ConfigurationError, DcfError, Interrupted, NeighbourLost, Stopped
 
 DONE = 0
 FAILED = 1  # a run failed, or two runs differ
 MISUSED = 2  # the command line or the fleet file is wrong
 NEIGHBOUR_LOST = 3  # an agent failed because another agent of the fleet did
+STOPPED = 4  # an agent was told to end before its time
 SIGNALLED = 128  # and the number of the signal that stopped it
 CTRL_C = SIGNALLED + signal.SIGINT
 
@@ -18,4 +19,6 @@ def of(error: DcfError) -> int:
         return SIGNALLED + error.signal
     if isinstance(error, NeighbourLost):
         return NEIGHBOUR_LOST
+    if isinstance(error, Stopped):
+        return STOPPED
     return MISUSED if isinstance(error, ConfigurationError) else FAILED

@@ -1,30 +1,32 @@
 """Launch a fleet on this machine, watch over it, and end it together."""
 
-import json
 import signal
 import subprocess
-import sys
-import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from types import FrameType
 from typing import Any, TypeAlias
 
-from agentd.exit_codes import NEIGHBOUR_LOST
+from agentd.child import Daemon, spawn
+from agentd.exit_codes import NEIGHBOUR_LOST, STOPPED
+from agentd.keys import listen
+from agentd.operators import in_foreground
+from agentd.pilot import Pilot
 from agentd.rundir import free_endpoints, write_about
 from dcf_zenoh.config import LoadedFleet, freeze
-from dcf_zenoh.errors import DcfError, Interrupted
+from dcf_zenoh.configuration.parts import plant_classes
+from dcf_zenoh.errors import ConfigurationError, DcfError, Interrupted
 from dcf_zenoh.messaging.network import check_settings
 
 REACTION = 2.0  # s the others get to end by themselves after one has failed
 LINGER = 30.0  # s the others get to end after one has reached its planned end
 TERM = 3.0  # s between SIGTERM and SIGKILL
 LAST_STATUS = 1.0  # s to read what a daemon wrote before it ended
+YES = "--yes agrees beforehand"
 
 Show: TypeAlias = Callable[[Mapping[int, Mapping[str, Any]]], None]
 Say: TypeAlias = Callable[[str], None]
@@ -32,43 +34,6 @@ Say: TypeAlias = Callable[[str], None]
 
 class FleetFailed(DcfError):
     """At least one agent did not reach its planned end. Every process is gone all the same."""
-
-
-@dataclass
-class Daemon:
-    """One child process.
-
-    Attributes:
-        agent: Id.
-        process: The process.
-        errors: File with its standard error.
-        status: Last status line.
-        code: Its exit code once it has ended; negative for a signal.
-        reader: Reads the status lines.
-    """
-
-    agent: int
-    process: subprocess.Popen[str]
-    errors: Path
-    status: Mapping[str, Any] = field(default_factory=dict)
-    code: int | None = None
-    reader: threading.Thread = field(init=False)
-
-    def __post_init__(self) -> None:
-        self.reader = threading.Thread(target=self._read_status, daemon=True)
-        self.reader.start()
-
-    def _read_status(self) -> None:
-        """Keep the last status line; returns when the daemon closes its output."""
-        assert self.process.stdout is not None
-        with self.process.stdout as lines:
-            for line in lines:
-                self.status = json.loads(line)
-
-    def last_words(self) -> str:
-        """The last line of its standard error, without the name of the program."""
-        lines = self.errors.read_text(encoding="utf-8", errors="replace").strip().splitlines()
-        return lines[-1].removeprefix("agentd: ") if lines else ""
 
 
 class Problems:
@@ -93,7 +58,7 @@ class Problems:
         self._say(text)
 
 
-def launch(fleet: LoadedFleet, folder: Path, show: Show, say: Say) -> None:
+def launch(fleet: LoadedFleet, folder: Path, show: Show, say: Say, *, yes: bool = False) -> None:
     """Run a fleet as one daemon per agent; return when all have ended.
 
     Args:
@@ -101,13 +66,20 @@ def launch(fleet: LoadedFleet, folder: Path, show: Show, say: Say) -> None:
         folder: An empty run directory.
         show: Called with agent -> last status, several times a second.
         say: Called with a line when something happens that a person should know.
+        yes: Real bodies may take off without a key press.
 
     Raises:
         FleetFailed: An agent failed.
         Interrupted: Somebody stopped the fleet.
         NetworkError: Zenoh does not accept a setting of the fleet file.
+        ConfigurationError: Real bodies shall fly, and nobody is there to agree to it.
     """
     check_settings(fleet.spec.zenoh.settings)
+    plants = plant_classes(fleet.spec, fleet.folder)
+    real = any(plant.real for plant in plants)
+    landing = max((plant.landing_time for plant in plants), default=0.0)
+    if real and not yes and not in_foreground():
+        raise ConfigurationError(f"real bodies take off when a person presses a key: there is no terminal; {YES}")
     frozen = freeze(fleet, folder)
     about: dict[str, Any] = {
         "fleet": fleet.spec.name,
@@ -118,17 +90,20 @@ def launch(fleet: LoadedFleet, folder: Path, show: Show, say: Say) -> None:
         "endpoints": free_endpoints(fleet.spec),
     }
     write_about(folder, about)
-    patient = fleet.spec.time.clock == "wall" and fleet.spec.safety.neighbour_silent.then != "stop"
+    patient = fleet.spec.time.clock == "wall" and fleet.spec.safety.neighbour_silent.then in ("hold", "continue")
     daemons: dict[int, Daemon] = {}
     problems = Problems(say)
     interrupted: signal.Signals | None = None
-    with _stop_requests() as asked:
+    with _stop_requests() as asked, listen() as keys:
         try:
             for agent in frozen.spec.ids:
-                daemons[agent] = _spawn(folder, agent)
-            interrupted = _supervise(daemons, asked, show, problems, patient=patient)
+                daemons[agent] = spawn(folder, agent)
+            pilot = Pilot(daemons, keys, say, real=real, yes=yes)
+            interrupted = _supervise(
+                daemons, asked, show, problems, pilot, reaction=REACTION + landing, patient=patient
+            )
         finally:
-            _end(daemons, problems)
+            _end(daemons, problems, TERM + landing)
             about["ended"] = datetime.now(UTC).isoformat()
             about["exit_codes"] = {i: daemon.code for i, daemon in daemons.items()}
             about["problems"] = [*problems.causes, *problems.effects]
@@ -139,27 +114,26 @@ def launch(fleet: LoadedFleet, folder: Path, show: Show, say: Say) -> None:
         raise FleetFailed("; ".join(found))
 
 
-def _spawn(folder: Path, agent: int) -> Daemon:
-    """Start one daemon, in a session of its own so that Ctrl-C reaches the launcher alone."""
-    command = [sys.executable, "-m", "agentd", "run", str(folder / "fleet.toml"), "--id", str(agent)]
-    command += ["--out", str(folder), "--supervised"]
-    path = folder / f"agent-{agent}.err"
-    with path.open("w", encoding="utf-8") as errors:
-        process = subprocess.Popen(
-            command,
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=errors,
-            text=True,
-            start_new_session=True,
-        )
-    return Daemon(agent, process, path)
-
-
 def _supervise(
-    daemons: Mapping[int, Daemon], asked: SimpleQueue[signal.Signals], show: Show, problems: Problems, *, patient: bool
+    daemons: Mapping[int, Daemon],
+    asked: SimpleQueue[signal.Signals],
+    show: Show,
+    problems: Problems,
+    pilot: Pilot,
+    *,
+    reaction: float,
+    patient: bool,
 ) -> signal.Signals | None:
     """Watch until all daemons have ended, or until it is time to end them; note what went wrong.
+
+    Args:
+        daemons: The fleet.
+        asked: Signals that the launcher got.
+        show: Told of the last status of all.
+        problems: What went wrong.
+        pilot: Looks after take-off and landing.
+        reaction: What the others get to end by themselves after one has failed, s.
+        patient: The others go on after one has failed.
 
     Returns:
         The signal that asked for the end, if one did.
@@ -181,8 +155,9 @@ def _supervise(
                     daemon.status = {**daemon.status, "ended": True}
                     text = f"agent {daemon.agent} {_death(daemon, now - began)}"
                     problems.add(text, effect=code == NEIGHBOUR_LOST)
-                if not (code and patient):
-                    give_up = min(give_up, now + (REACTION if code else LINGER))
+                if not (code and patient) or code == STOPPED:
+                    give_up = min(give_up, now + (reaction if code else LINGER))
+        pilot.look()
         if now - shown >= 0.1:
             shown = now
             show({i: daemon.status for i, daemon in daemons.items()})
@@ -203,17 +178,19 @@ def _progress(daemon: Daemon) -> str:
     return f", after step {daemon.status['step']}" if "step" in daemon.status else ", before its first step"
 
 
-def _end(daemons: Mapping[int, Daemon], problems: Problems) -> None:
-    """Make sure that no daemon is left: ask, wait, and end by force whoever does not listen."""
+def _end(daemons: Mapping[int, Daemon], problems: Problems, patience: float) -> None:
+    """Make sure that no daemon is left: ask, wait for `patience` s, and end by force whoever does not listen."""
     running = [daemon for daemon in daemons.values() if daemon.process.poll() is None]
     for daemon in running:
         daemon.process.terminate()
-    deadline = time.monotonic() + TERM
+    deadline = time.monotonic() + patience
     for daemon in running:
         try:
             daemon.process.wait(max(0.0, deadline - time.monotonic()))
         except subprocess.TimeoutExpired:
-            problems.add(f"agent {daemon.agent} did not end within {TERM:g} s of SIGTERM: killed{_progress(daemon)}")
+            problems.add(
+                f"agent {daemon.agent} did not end within {patience:g} s of SIGTERM: killed{_progress(daemon)}"
+            )
             daemon.process.kill()
     for daemon in daemons.values():
         daemon.code = daemon.process.wait(TERM)

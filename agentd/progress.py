@@ -30,6 +30,7 @@ class Progress:
         self._console = Console(stderr=True)
         self._live: Live | None = None
         self._last_line = time.monotonic()
+        self._phase = ""
 
     def __enter__(self) -> Self:
         if self._console.is_terminal and not self._quiet:
@@ -51,7 +52,15 @@ class Progress:
         """Show agent -> last status."""
         if self._live is not None:
             self._live.update(self._table(status), refresh=True)
-        elif not self._quiet and time.monotonic() - self._last_line >= LINE_PERIOD:
+            return
+        if self._quiet:
+            return
+        phases = {str(entry.get("phase", "")) for entry in status.values()}
+        if len(phases) == 1 and phases != {self._phase}:
+            (self._phase,) = phases
+            if self._phase not in ("", "start"):
+                self._console.print(f"all agents: {_words(self._phase)}", markup=False, highlight=False)
+        if time.monotonic() - self._last_line >= LINE_PERIOD:
             self._last_line = time.monotonic()
             steps = [entry.get("step", "-") for entry in status.values() if not entry.get("ended")] or ["-"]
             late = sum(entry.get("late", 0) for entry in status.values())
@@ -64,7 +73,9 @@ class Progress:
             table.add_column(heading, justify="right")
         for agent, entry in status.items():
             position = ", ".join(f"{value:+.2f}" for value in entry.get("position", ()))
-            step = f"{entry['step'] + 1} / {self._fleet.steps}" if "step" in entry else "getting ready"
+            phase = str(entry.get("phase", ""))
+            step = f"{entry['step'] + 1} / {self._fleet.steps}" if "step" in entry else _words(phase)
+            step = _words(phase) if phase == "land" else step
             remark = str(entry.get("remark", ""))
             table.add_row(str(agent), step, str(entry.get("rounds", "")), str(entry.get("late", "")), position, remark)
         return table
@@ -75,3 +86,10 @@ class Progress:
         places = [entry["position"] for entry in flying if entry.get("position")]
         gaps = [dist(a, b) for a, b in combinations(places, 2) if len(a) == len(b)]
         return f", closest pair {min(gaps):.2f} m" if gaps else ""
+
+
+def _words(phase: str) -> str:
+    """What agents do in a phase."""
+    if phase == "land":
+        return "landing"
+    return f"getting ready: {phase.replace('_', ' ')}" if phase else "getting ready"

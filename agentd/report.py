@@ -1,11 +1,15 @@
 """The report of one run, or of several side by side: figures as PNG and PDF, the flight as GIF."""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from dcf_zenoh.errors import RecordingError
 from dcf_zenoh.run import Run
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 def write_report(runs: Sequence[Run], folder: Path, *, animate: bool = False) -> list[Path]:
@@ -34,18 +38,47 @@ def write_report(runs: Sequence[Run], folder: Path, *, animate: bool = False) ->
         folder.mkdir(parents=True, exist_ok=True)
         with rc_context(STYLE):
             for name, draw in FIGURES.items():
-                figure = draw(runs)
-                if figure is None:
-                    continue
-                for ending in ("png", "pdf"):
-                    written.append(folder / f"{name}.{ending}")
-                    figure.savefig(written[-1], bbox_inches="tight")
+                written += _save(draw(runs), folder, name)
             for run, path in zip(runs, _flights(runs, folder), strict=True):
                 if animate and write_flight(run, path):
                     written.append(path)
     except OSError as error:
         raise RecordingError(f"{error.filename or folder}: cannot be written: {error.strerror}") from error
     return written
+
+
+def write_comparison(variants: Mapping[str, Run | str], folder: Path) -> list[Path]:
+    """Draw variants of a fleet side by side, as ``comparison.png`` and ``comparison.pdf``.
+
+    Args:
+        variants: Name -> run, or why there is none.
+        folder: Where.
+
+    Returns:
+        The files written; none if there is nothing to show.
+
+    Raises:
+        RecordingError: `folder` cannot be written.
+    """
+    from matplotlib import rc_context  # noqa: PLC0415
+
+    from agentd.figures.comparison import comparison  # noqa: PLC0415
+    from agentd.figures.style import STYLE  # noqa: PLC0415
+
+    try:
+        with rc_context(STYLE):
+            return _save(comparison(variants), folder, "comparison")
+    except OSError as error:
+        raise RecordingError(f"{error.filename or folder}: cannot be written: {error.strerror}") from error
+
+
+def _save(figure: "Figure | None", folder: Path, name: str) -> list[Path]:
+    if figure is None:
+        return []
+    paths = [folder / f"{name}.{ending}" for ending in ("png", "pdf")]
+    for path in paths:
+        figure.savefig(path, bbox_inches="tight")
+    return paths
 
 
 def _flights(runs: Sequence[Run], folder: Path) -> list[Path]:

@@ -22,12 +22,25 @@ def new_run_folder(fleet: FleetSpec, out: Path | None) -> Path:
     Raises:
         RecordingError: It cannot be made, or has something in it.
     """
-    folder = out or Path("runs") / f"{fleet.name}-{datetime.now():%Y%m%d-%H%M%S}-{os.getpid()}"
+    folder = new_folder(fleet.name, out)
+    try:
+        write_about(folder, {})
+    except OSError as error:
+        raise RecordingError(f"{folder}: cannot be written: {error.strerror}") from error
+    return folder
+
+
+def new_folder(name: str, out: Path | None) -> Path:
+    """An empty directory: `out`, or a new one below ``runs`` for `name`.
+
+    Raises:
+        RecordingError: It cannot be made, or has something in it.
+    """
+    folder = out or Path("runs") / f"{name}-{datetime.now():%Y%m%d-%H%M%S}-{os.getpid()}"
     try:
         folder.mkdir(parents=True, exist_ok=True)
         if any(folder.iterdir()):
             raise RecordingError(f"{folder}: this directory is not empty; choose another with --out")
-        write_about(folder, {})
     except OSError as error:
         raise RecordingError(f"{folder}: cannot be written: {error.strerror}") from error
     return folder

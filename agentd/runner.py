@@ -3,24 +3,22 @@
 import gc
 import logging
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
+from functools import partial
 
+from dcf_zenoh.agent import Ending
 from dcf_zenoh.assembly import AgentParts
 from dcf_zenoh.clock import VirtualClock, WallClock
-from dcf_zenoh.errors import DcfError, NeighbourLost, NetworkError, Silence
+from dcf_zenoh.errors import NeighbourLost, NetworkError, Silence, Stopped
 from dcf_zenoh.messaging.hello import ClockOffset, Hello
 from dcf_zenoh.messaging.mailbox import Mailbox
 from dcf_zenoh.messaging.message import Last, Message
-from dcf_zenoh.messaging.network import Command, Lost, Network, Refused, Stop
-from dcf_zenoh.requests import Activate, Publish, Start, Wait
+from dcf_zenoh.messaging.network import Agreed, Command, Lost, Network, Refused, Stop
+from dcf_zenoh.requests import Activate, Agree, Loop, Publish, Report, Request, Start, Wait
 
 log = logging.getLogger(__name__)
 REFUSALS_LOGGED = 5
 GRACE = 0.25  # s for messages that a dead neighbour sent before it died
-
-
-class Stopped(DcfError):
-    """The agent was told to end before its time."""
 
 
 class Feed:
@@ -31,6 +29,9 @@ class Feed:
         mailbox: Where it goes.
         stamp: When a message that is read now entered the link, and when it was there; fleet time in ns.
         obey: Does what an operator asks for; its answer.
+
+    Attributes:
+        agreed: Whether a person has agreed to the take-off.
     """
 
     def __init__(
@@ -44,6 +45,7 @@ class Feed:
         self._mailbox = mailbox
         self._stamp = stamp
         self._obey = obey
+        self.agreed = False
 
     def wait(self, sender: int, deadline: float) -> bool:
         """Take in the next message of `sender`, or events; whether there was any before `deadline`, monotonic s.
@@ -81,6 +83,8 @@ class Feed:
             self._welcome(event)
         elif isinstance(event, Command):
             event.reply(self._obey(event.request))
+        elif isinstance(event, Agreed):
+            self.agreed = True
         return event is not None
 
     def _welcome(self, hello: Hello) -> None:
@@ -138,12 +142,37 @@ class Stamps:
         return entered, now
 
 
+def drive(loop: Loop[Ending], answer: Callable[[Request], int]) -> Ending:
+    """Lead a loop to its end: answer what it asks for, and tell it what goes wrong meanwhile.
+
+    Args:
+        loop: An agent's.
+        answer: Does what a request says; the fleet time then, ns. What it raises reaches the loop at the request, which
+            may have something to do before it ends, such as to land.
+
+    Raises:
+        DcfError: Whatever stops the loop.
+    """
+    go_on: Callable[[], Request] = partial(next, loop)
+    while True:
+        try:
+            request = go_on()
+        except StopIteration as finished:
+            ending: Ending = finished.value
+            return ending
+        try:
+            go_on = partial(loop.send, answer(request))
+        except Exception as error:
+            go_on = partial(loop.throw, error)
+
+
 def run_wall(
     parts: AgentParts,
     network: Network,
     offsets: Mapping[int, ClockOffset],
     obey: Callable[[bytes, int], bytes] = lambda _request, _now: b"",
-) -> Last:
+    report: Callable[[Report], None] = lambda _report: None,
+) -> Ending:
     """Run a loop in real time.
 
     Args:
@@ -151,6 +180,7 @@ def run_wall(
         network: Its session.
         offsets: Neighbour -> by how much its clock is ahead.
         obey: Does what an operator asks for at a fleet time, in ns; its answer.
+        report: Tells whoever watches of a phase of the flight.
 
     Raises:
         DcfError: Whatever stops the loop.
@@ -180,35 +210,51 @@ def run_wall(
             feed.drain(j)
         mailbox.skip_gaps()  # no time-out does that in asynchronous mode
 
-    if network.start:  # the fleet is under way
-        clock.start(network.start)
-    reply: int | None = None
-    while True:
-        try:
-            request = parts.loop.send(reply)  # type: ignore[arg-type]
-        except StopIteration as finished:
-            return _done(finished)
+    def agree(until: int) -> int:
+        """Wait for a person's consent."""
+        while not feed.agreed:
+            if not feed.events(clock.deadline(until)) and clock.now() >= until:
+                return -1
+        return clock.now()
+
+    def answer(request: Request) -> int:
         if isinstance(request, Publish):
-            reply = clock.now()
-            network.publish(request.message, request.receiver, reply)
-            continue
+            now = clock.now()
+            network.publish(request.message, request.receiver, now)
+            return now
+        if isinstance(request, Agree):
+            return agree(request.until)
         if isinstance(request, Start):
             clock.start(request.instant)
             network.started(request.instant)
+        elif isinstance(request, Report):
+            report(request)
         elif isinstance(request, Wait) and request.senders:
             hear(request)
         else:
             sleep(request.until)
-        reply = clock.now()
+        return clock.now()
+
+    if network.start:  # the fleet is under way
+        clock.start(network.start)
+    return drive(parts.loop, answer)
 
 
-def run_virtual(parts: AgentParts, network: Network, silence: float) -> Last:
+def run_virtual(
+    parts: AgentParts,
+    network: Network,
+    silence: float,
+    patience: float,
+    report: Callable[[Report], None] = lambda _report: None,
+) -> Ending:
     """Run a loop in virtual time: as fast as messages come, with the same results as in the simulator.
 
     Args:
         parts: The agent.
         network: Its session.
         silence: Real seconds without an awaited message that are an error.
+        patience: The same before the start.
+        report: Tells whoever watches of a phase of the flight.
 
     Raises:
         NeighbourLost: A neighbour died or failed. In virtual time that is no result.
@@ -225,7 +271,9 @@ def run_virtual(parts: AgentParts, network: Network, silence: float) -> Last:
     def hear(request: Wait | Activate) -> None:
         at = f"at {request.until * 1e-9:.6f} s"
         where = at if isinstance(request, Activate) else f"in step {request.step} round {request.round}"
-        deadline = time.monotonic() + silence
+        before_start = isinstance(request, Wait) and request.step < 0
+        within = max(silence, patience) if before_start else silence
+        deadline = time.monotonic() + within
         while lacking := lacks(request):
             dead = next((j for j in lacking if j in mailbox.lost), None)
             sender = lacking[0] if dead is None else dead
@@ -234,19 +282,18 @@ def run_virtual(parts: AgentParts, network: Network, silence: float) -> Last:
             if dead is not None:
                 raise NeighbourLost(f"agent {parts.id}: neighbour {dead} is lost ({mailbox.lost[dead]}) {where}")
             if time.monotonic() >= deadline:
-                raise Silence(f"agent {parts.id}: no message from {sender} {where} within {silence:g} s")
+                raise Silence(f"agent {parts.id}: no message from {sender} {where} within {within:g} s")
         for j in request.senders:
             if mailbox.departed(j) is Last.FAILED:
                 raise NeighbourLost(f"agent {parts.id}: neighbour {j} stopped because of an error, seen {where}")
 
-    reply: int | None = None
-    while True:
-        try:
-            request = parts.loop.send(reply)  # type: ignore[arg-type]
-        except StopIteration as finished:
-            return _done(finished)
+    def answer(request: Request) -> int:
         if isinstance(request, Publish):
             network.publish(request.message, request.receiver)
+        elif isinstance(request, Start):
+            clock.start(request.instant)
+        elif isinstance(request, Report):
+            report(request)
         elif isinstance(request, Wait | Activate):
             if request.senders:
                 hear(request)
@@ -254,14 +301,16 @@ def run_virtual(parts: AgentParts, network: Network, silence: float) -> Last:
                 feed.events(0.0)  # whoever waits for nobody can be stopped too
             if isinstance(request, Activate) or not request.senders:
                 clock.advance(request.until)
-        reply = clock.now()
+        return clock.now()
+
+    return drive(parts.loop, answer)
 
 
-def await_goodbyes(parts: AgentParts, network: Network, senders: Sequence[int], timeout: float) -> None:
+def await_goodbyes(parts: AgentParts, network: Network, timeout: float) -> None:
     """Keep the session open until the neighbours have ended too, so that nobody loses what is on its way."""
     feed = Feed(network, parts.mailbox, _as_sent)
     deadline = time.monotonic() + timeout
-    for j in senders:
+    for j in parts.mailbox.senders:
         while not parts.mailbox.departed(j) and j not in parts.mailbox.lost and time.monotonic() < deadline:
             feed.wait(j, deadline)
             parts.mailbox.skip_gaps()
@@ -270,8 +319,3 @@ def await_goodbyes(parts: AgentParts, network: Network, senders: Sequence[int], 
 def _as_sent(message: Message) -> tuple[int, int]:
     """In the model a message is there when it is sent."""
     return message.sent, message.sent
-
-
-def _done(finished: StopIteration) -> Last:
-    last: Last = finished.value
-    return last

@@ -56,6 +56,8 @@ def _rows(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
     ]
     if summary["messages"]["lost"]:
         rows.append(("messages lost", _losses(summary["lost_by"])))
+    if summary["alarms"]:
+        rows.append(("safety alarms", ", ".join(f"{count} {rule}" for rule, count in summary["alarms"].items())))
     if notes := {what: count for what, count in summary["notes"].items() if count}:
         rows.append(("controllers noted", ", ".join(f"{count:g} {what}" for what, count in notes.items())))
     rows.append(("digest", summary["digest"][:16]))

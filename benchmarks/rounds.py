@@ -99,6 +99,7 @@ def bare(agent: int, ports: list[int], seconds: float) -> None:
 def stack(agent: int, ports: list[int], seconds: float) -> None:
     """Rounds by what a daemon is made of."""
     from agentd.runner import run_wall, spare_collector  # noqa: PLC0415
+    from dcf_zenoh.agent import Ending  # noqa: PLC0415
     from dcf_zenoh.algorithms.algorithm import Dialogue  # noqa: PLC0415
     from dcf_zenoh.assembly import AgentParts  # noqa: PLC0415
     from dcf_zenoh.exchange import Exchange  # noqa: PLC0415
@@ -132,11 +133,11 @@ def stack(agent: int, ports: list[int], seconds: float) -> None:
 
     found: list[Measured] = []
 
-    def loop() -> Loop[Last]:
+    def loop() -> Loop[Ending]:
         now = yield Wait(0)
         outcome = yield from exchange.negotiate(talk(), 0, now)
         found.append(outcome.result)
-        return Last.DONE
+        return Ending(Last.DONE)
 
     mailbox = Mailbox(hood.receives_from)
     rounds = Rounds(max_rounds=10**9, threshold=0.0)

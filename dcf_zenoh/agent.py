@@ -3,22 +3,43 @@
 The loop does no I/O and reads no clock: it yields requests to its runner. Source: Memon et al., Algorithm 1.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
-from dcf_zenoh.algorithms.algorithm import Dialogue, Me
+from dcf_zenoh.algorithms.algorithm import Me
 from dcf_zenoh.controllers.controller import Controller, Decision
-from dcf_zenoh.errors import AlgorithmError, NeighbourLost, NotReady, NumericalError, PlantError, blaming
+from dcf_zenoh.errors import (
+    AlgorithmError,
+    Landed,
+    NeighbourLost,
+    NumericalError,
+    PlantError,
+    Stopped,
+    blaming,
+)
 from dcf_zenoh.exchange import Exchange, Outcome
 from dcf_zenoh.fate import Crashed, Fate
+from dcf_zenoh.flight import Flight
 from dcf_zenoh.messaging.message import Last
 from dcf_zenoh.plant import Array, Plant, Setpoint, State
 from dcf_zenoh.recording import Recorder, StepRecord
-from dcf_zenoh.requests import NEVER, Loop, Start, Wait
+from dcf_zenoh.requests import NEVER, Loop, Wait
 from dcf_zenoh.spec import Arrived, FleetSpec, nanoseconds
+from dcf_zenoh.supervisor import Alarm, Supervisor, gravest
 
-START_LEAD = 50_000_000  # ns between the last agent's being ready and the common start
+
+class Ending(NamedTuple):
+    """How an agent's run ended.
+
+    Attributes:
+        last: Done, arrived, or landed before its time.
+        cause: Why it landed before its time.
+    """
+
+    last: Last
+    cause: Landed | NeighbourLost | None = None
 
 
 class Agent:
@@ -61,22 +82,49 @@ class Agent:
         self._sample_time = nanoseconds(fleet.time.sample_time)
         self._budget = nanoseconds(fleet.exchange.step_budget(fleet.time.sample_time))
         self._arrival = Arrival(fleet.time.arrived)
+        self._supervisor = Supervisor(fleet.safety, fleet.arena, fleet.time.sample_time)
+        self._flight = Flight(me, plant, exchange, recorder, nanoseconds(fleet.zenoh.ready_timeout))
         self._lost: dict[int, str] = {}
         self._holding = ""
+        self._why_landed: Landed | NeighbourLost | None = None
 
-    def run(self) -> Loop[Last]:
-        """The whole run: agree on the start, control step by step, say goodbye.
+    def run(self) -> Loop[Ending]:
+        """The whole run: get ready, control step by step, come down, say goodbye.
 
         Returns:
-            Why it ended: `Last.DONE` or `Last.ARRIVED`.
+            Why it ended.
 
         Raises:
-            NotReady: The fleet did not agree on a start in time.
-            NeighbourLost: A neighbour was lost, and the fleet file says stop.
+            NotReady: Not all of the fleet got ready, or it did not agree on a start in time.
             NumericalError: A plant or a controller produced a value that is not a number.
             PlantError: The plant raised an exception.
             AlgorithmError: The algorithm, or the problem or controller around it, raised an exception.
+            Stopped: Somebody wanted the agent to stop.
         """
+        try:
+            step, last = yield from self._fly()
+            now = yield Wait(step * self._sample_time)
+            state = self._last_state(now)
+        except Exception as error:
+            yield self._exchange.goodbye(NEVER, 0, Last.FAILED)
+            yield from self._come_down(error)
+            raise
+        yield self._exchange.goodbye(step, now, last)
+        reason = last.name.lower()
+        now = yield from self._flight.land(now, reason)
+        remark = str(self._why_landed or self._holding)
+        self._recorder.end(reason, now, state, remark, self._exchange.counts)
+        return Ending(last, self._why_landed)
+
+    def _last_state(self, now: int) -> State:
+        """The state at the end; of a body that had to come down, which may be able to say nothing any more, none."""
+        if self._why_landed:
+            return State()
+        with blaming(PlantError, f"agent {self._me.id}: sense"):
+            return self._plant.sense(now)
+
+    def _fly(self) -> Loop[tuple[int, Last]]:
+        """Begin, and control step by step; the first step that is not taken, and why it is not."""
         step = yield from self._begin()
         reason: Last | None = None
         while step < self._fleet.steps and reason is None:
@@ -85,28 +133,28 @@ class Agent:
                 step += 1
             except Crashed as crash:
                 step = yield from self._lie_dead(crash, step)
-        now = yield Wait(step * self._sample_time)
-        reason = reason or Last.DONE
-        with blaming(PlantError, f"agent {self._me.id}: finish"):
-            state = self._plant.sense(now)
-            self._plant.finish(now, reason.name.lower())
-        self._recorder.end(reason.name.lower(), now, state, self._holding, self._exchange.counts)
-        yield self._exchange.goodbye(step, now, reason)
-        return reason
+        return step, reason or Last.DONE
 
     def _begin(self) -> Loop[int]:
         """Start with the fleet, or join it when it is under way already; the first step."""
         if self._last_life is None:
-            now = yield from _start(self._me, self._exchange, nanoseconds(self._fleet.zenoh.ready_timeout))
-            with blaming(PlantError, f"agent {self._me.id}: start"):
-                self._plant.start(now)
+            yield from self._flight.begin()
             return 0
-        now = yield Wait(0)
-        with blaming(PlantError, f"agent {self._me.id}: resume"):
-            self._plant.resume(self._last_life, now)
+        now = yield from self._flight.join(self._last_life)
         step = now // self._sample_time + 1
         self._recorder.event("joined", now, step=step)
         return step
+
+    def _come_down(self, error: Exception) -> Loop[None]:
+        """Land after a failure, and end the log."""
+        reason = "stopped" if isinstance(error, Stopped) else "failed"
+        remark = str(error)
+        try:
+            now = yield Wait(0)
+            yield from self._flight.land(now, reason)
+        except PlantError as another:
+            remark += f"; then {another}"
+        self._recorder.end(reason, -1, State(), remark, self._exchange.counts)
 
     def _step(self, step: int) -> Loop[Last | None]:
         """One turn of the loop; the reason to end, if there is one."""
@@ -115,6 +163,9 @@ class Agent:
         now = yield Wait(due)  # 4 synchronise
         with blaming(PlantError, f"{place}: sense"):
             state = _finite(self._plant.sense(now), place)  # 3 sense
+        if last := self._react("body", self._supervisor.body(state), step, now):
+            self._recorder.step(StepRecord.abstained(step, now, state, Setpoint.hold(state), str(self._why_landed)))
+            return last
         if self._holding:
             yield self._exchange.abstain(step, now, due + self._sample_time)
             setpoint = Setpoint.hold(state)
@@ -138,21 +189,58 @@ class Agent:
         now = outcome.now
         with blaming(AlgorithmError, f"{place} round {outcome.rounds}"):
             setpoint, late = self._in_time(outcome, state, late=now > due + self._sample_time)
-            _check_sound(setpoint, outcome, place)
+        setpoint, alarms = self._supervised(setpoint, state, outcome, late=late, place=place)
         if not late and (moment := due + nanoseconds(self._controller.acts_after)) > now:
             now = yield Wait(moment)
-        with blaming(PlantError, f"{place}: act"):
-            self._plant.act(setpoint, now)  # 3 act
+        last = self._react("decision", alarms, step, now)
+        if last or self._holding:
+            setpoint = Setpoint.hold(state)
+        if not last:
+            with blaming(PlantError, f"{place}: act"):
+                self._plant.act(setpoint, now)  # 3 act
         remark = self._watch_neighbours(step, now)
         record = StepRecord.of(step, sensed, state, now, setpoint, outcome, late=late, remark=remark)
         self._recorder.step(record)  # 5 log
         if outcome.all_settled or self._exchange.departed(Last.ARRIVED):
             return Last.ARRIVED
-        if self._lost and self._fleet.safety.neighbour_silent.then == "stop":
-            raise NeighbourLost(f"{place}: {remark}")
-        if self._lost and self._fleet.safety.neighbour_silent.then == "hold":
-            self._holding = remark
-        return None
+        silent = self._supervisor.neighbours([f"neighbour {j} is lost ({how})" for j, how in self._lost.items()])
+        return last or self._react("neighbours", silent, step, now)
+
+    def _supervised(
+        self, setpoint: Setpoint, state: State, outcome: Outcome[Decision], *, late: bool, place: str
+    ) -> tuple[Setpoint, list[Alarm]]:
+        """The setpoint within its limits, and what the supervisor has to say of the step.
+
+        Raises:
+            NumericalError: It is not finite, and nothing else shall follow from that.
+        """
+        if problem := _unsound(setpoint, outcome):
+            text = f"round {outcome.rounds}: {problem}"
+            if self._fleet.safety.not_finite == "land":
+                raise NumericalError(f"{place} {text}")
+            return Setpoint.hold(state), self._supervisor.not_finite(text)
+        setpoint, alarms = self._supervisor.setpoint(setpoint, state)
+        alarms += self._supervisor.separation(state, self._exchange.positions)
+        alarms += self._supervisor.deadline(late=late)
+        if late and self._fleet.exchange.late == "land":
+            alarms.append(Alarm("late", "land", "the step overran, and exchange.late says land"))
+        return setpoint, alarms
+
+    def _react(self, look: str, alarms: Sequence[Alarm], step: int, now: int) -> Last | None:
+        """Note what is new, and do what follows; how the flight ends, if it does."""
+        for alarm in self._supervisor.fresh(look, alarms):
+            self._recorder.event("alarm", now, step=step, **alarm._asdict())
+        worst = gravest(alarms)
+        if worst is None or worst.then in ("log", "clip"):
+            return None
+        if worst.then == "hold":
+            self._holding = self._holding or worst.text
+            return None
+        if worst.then == "stop":
+            self._plant.emergency_stop()
+        cause = NeighbourLost if worst.rule == "neighbour_silent" else Landed
+        self._why_landed = cause(f"agent {self._me.id}: step {step}: {worst.text}")
+        return Last.LANDED
 
     def _in_time(self, outcome: Outcome[Decision], state: State, *, late: bool) -> tuple[Setpoint, bool]:
         """The setpoint that flies, and whether the step overran."""
@@ -217,40 +305,19 @@ class Arrival:
         return now - self._since >= nanoseconds(self._rule.for_)
 
 
-def _start(me: Me, exchange: Exchange, timeout: int) -> Loop[int]:
-    """Agree on the instant of the start: the latest that any agent proposes, known to all after diameter rounds."""
-    now = yield Wait(0)
-    outcome = yield from exchange.negotiate(_latest(me, now + START_LEAD), -1, now, until=now + timeout)
-    if outcome.result is None:
-        lost = [f"neighbour {j} is lost ({how})" for j, how in exchange.lost_neighbours(-1, 0, NEVER).items()]
-        why = "; ".join(lost) or f"not everybody was heard within {timeout * 1e-9:g} s"
-        raise NotReady(f"agent {me.id}: the fleet did not agree on a start: {why}")
-    return (yield Start(outcome.result))
-
-
-def _latest(me: Me, proposal: int) -> Dialogue[int | None]:
-    """The largest proposal of the fleet; None if somebody was not heard, or there is no time left."""
-    diameter = me.neighbourhood.diameter
-    for number in range(1, diameter + 1):
-        inbox = yield {"start": proposal}, float("inf")
-        if inbox.missing or (inbox.stop and number < diameter):
-            return None
-        proposal = max(proposal, *(int(inbox[j]["start"]) for j in inbox))
-    return proposal
-
-
 def _finite(state: State, place: str) -> State:
     if not np.isfinite(state.vector).all():
         raise NumericalError(f"{place}: the plant's state is not finite: {_show(state.vector)}")
     return state
 
 
-def _check_sound(setpoint: Setpoint, outcome: Outcome[Decision], place: str) -> None:
-    """Refuse a decision, or a setpoint made from it, that is not finite."""
+def _unsound(setpoint: Setpoint, outcome: Outcome[Decision]) -> str:
+    """What is not finite: a decision, or a setpoint made from it; empty if all is well."""
     flown = setpoint.vector if setpoint.acceleration is not None else setpoint.position
     for what, vector in (("the algorithm's decision", outcome.result.value), ("the controller's setpoint", flown)):
         if not np.isfinite(vector).all():
-            raise NumericalError(f"{place} round {outcome.rounds}: {what} is not finite: {_show(vector)}")
+            return f"{what} is not finite: {_show(vector)}"
+    return ""
 
 
 def _show(vector: Array) -> str:

@@ -27,7 +27,8 @@ class AgentLog:
         sensed: When the state was measured, shape (K,).
         state: Position and velocity, shape (K, 2 d), m and m/s.
         acted: When the setpoint went to the plant, shape (K,).
-        setpoint: Position, velocity, acceleration, shape (K, 3 d).
+        setpoint: Position, velocity, acceleration, shape (K, 3 d); NaN for no acceleration (come to rest), and for a
+            third component that a setpoint in the plane lacks.
         decision: The algorithm's decision, shape (K, n); NaN in steps without one.
         rounds: Rounds per step, shape (K,).
         residual: Own residual of the last round, shape (K,).
@@ -78,6 +79,11 @@ class AgentLog:
         return self.acted - self.sensed
 
     @property
+    def landed(self) -> str:
+        """Why the agent ended its flight before its time; empty if it did not."""
+        return str(self.end["remark"]) if self.end and self.end["end"] == "landed" else ""
+
+    @property
     def path(self) -> Array:
         """Positions, the last one included where the log ends with a state, shape (K or K+1, d), m."""
         last = [] if self.end is None else self.end["state"]  # empty too after a failure
@@ -113,7 +119,7 @@ class AgentLog:
             sensed=read_only([r.sensed * 1e-9 for r in steps]),
             state=_table([r.state for r in steps]),
             acted=read_only([r.acted * 1e-9 for r in steps]),
-            setpoint=_table([r.setpoint for r in steps]),
+            setpoint=_setpoints([r.setpoint for r in steps]),
             decision=_table([r.decision for r in steps]),
             rounds=np.array([r.rounds for r in steps], dtype=np.int64),
             residual=read_only([r.residual for r in steps]),
@@ -138,3 +144,13 @@ def _table(rows: list[list[float]]) -> Array:
         row[: len(values)] = values
     table.setflags(write=False)
     return table
+
+
+def _setpoints(rows: list[list[float]]) -> Array:
+    """Rows of position, velocity and acceleration, some in the plane and some in space, as one array."""
+    if not {6, 9} <= {len(row) for row in rows} <= {0, 6, 9}:
+        return _table(rows)
+    table = np.full((len(rows), 3, 3), np.nan)
+    for parts, row in zip(table, rows, strict=True):
+        parts[:, : len(row) // 3] = np.reshape(row, (3, len(row) // 3))
+    return read_only(table.reshape(len(rows), 9))

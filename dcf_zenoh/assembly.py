@@ -7,19 +7,20 @@ from typing import Any, BinaryIO, NamedTuple, cast
 
 import numpy as np
 
-from dcf_zenoh.agent import Agent
+from dcf_zenoh.agent import Agent, Ending
 from dcf_zenoh.algorithms.algorithm import Me
 from dcf_zenoh.config import LoadedFleet, graph_of, weights_of
 from dcf_zenoh.configuration.fault_links import links_to, margin_of, needs_positions
+from dcf_zenoh.configuration.parts import plant_of, problem_of
 from dcf_zenoh.controllers.controller import Controller
 from dcf_zenoh.exchange import Exchange
 from dcf_zenoh.fate import Fate
 from dcf_zenoh.faults.link import Link
+from dcf_zenoh.flight import first_number
 from dcf_zenoh.graph import Graph, Neighbourhood
 from dcf_zenoh.messaging.mailbox import Mailbox
-from dcf_zenoh.messaging.message import Last
-from dcf_zenoh.plant import Array, NoPlant, Plant, State, read_only
-from dcf_zenoh.plugins import accepted, bind, create, load
+from dcf_zenoh.plant import Array, Plant, State
+from dcf_zenoh.plugins import bind, create, load
 from dcf_zenoh.reception import Reception
 from dcf_zenoh.recording import Recorder, StepRecord
 from dcf_zenoh.requests import Loop
@@ -46,7 +47,7 @@ class AgentParts:
 
     Attributes:
         id: Of the agent.
-        plant: Its body; the owner calls `prepare` before the loop starts and `close` at the end.
+        plant: Its body; the owner calls `close` at the end.
         mailbox: Where a runner puts what arrives.
         links: Neighbour -> the faults of the link from it, of the links that have any.
         exchange: Its rounds; after a failure it has the goodbye.
@@ -60,7 +61,7 @@ class AgentParts:
     links: dict[int, Link]
     exchange: Exchange
     recorder: Recorder
-    loop: Loop[Last]
+    loop: Loop[Ending]
 
 
 @dataclass(frozen=True)
@@ -102,25 +103,10 @@ class Blueprint:
             PluginError: A constructor refused its options.
         """
         spec, folder = self.fleet.spec, self.fleet.folder
-        own = spec.agent(agent)
         hood = self.hood(agent)
         me = Me(agent, spec.ids, hood, np.random.Generator(np.random.Philox([spec.seed, agent])))
-        known: dict[str, Any] = {
-            "agent": agent,
-            "agents": spec.ids,
-            "sample_time": spec.time.sample_time,
-            "start": read_only(own.start),
-            "rng": np.random.Generator(np.random.Philox([spec.seed, agent, 1])),
-        }
-        where = f"agents.{agent}"
-        poser = load("problems", own.problem.kind, folder)
-        nominal = {"nominal": accepted(poser).complete(spec.problem.options)}
-        problem = create(poser, known | nominal, own.problem.options, f"{where}: problem")
+        problem, plant = problem_of(spec, folder, agent), self.plant(agent)
         algorithm = bind(load("algorithms", spec.algorithm.kind, folder), spec.algorithm.options, "algorithm")
-        plant: Plant = NoPlant()
-        if own.plant is not None:
-            kind = load("plants", own.plant.kind, folder)
-            plant = cast(Plant, create(kind, known, own.plant.options, f"{where}: plant"))
         control = spec.controller_kind
 
         def renew() -> Controller:
@@ -130,14 +116,15 @@ class Blueprint:
             return cast(Controller, create(kind, context, control.options, "controller"))
 
         virtual = spec.time.clock == "virtual"
-        mailbox = Mailbox(hood.receives_from, under_way=last_life is not None)
+        first = first_number(hood.diameter)
+        mailbox = Mailbox(hood.receives_from, first=None if last_life else first)
         links = links_to(spec, folder, self.graph, agent)
         rounds = spec.exchange.model_copy(update={"margin": margin_of(spec, folder)})
-        transmission = Transmission(agent, last_life.incarnation if last_life else 0)
+        transmission = Transmission(agent, last_life.incarnation, 0) if last_life else Transmission(agent, 0, first)
         reception = Reception(
             mailbox, links, hold=rounds.missing == "hold", silent_after=rounds.silent_after, watch=not virtual
         )
-        fate = Fate(own.faults, (lambda now, until: exchange.away(0, now, until)) if virtual else None)
+        fate = Fate(spec.agents[agent].faults, (lambda now, until: exchange.away(0, now, until)) if virtual else None)
         exchange = Exchange(
             agent,
             lambda _step: hood,
@@ -150,13 +137,21 @@ class Blueprint:
             rhythm=_rhythm(spec, agent) if rounds.mode == "asynchronous" else None,
             slowness=fate.slowness,
             virtual=virtual,
-            tells_position=needs_positions(spec, folder),
+            tells_position=spec.safety.separation is not None or needs_positions(spec, folder),
         )
         header = {"fleet": spec.name, "seed": spec.seed, "clock": spec.time.clock, **about}
         recorder = Recorder(stream, agent, header, observe)
         distance: Callable[[State], float] = getattr(problem, "distance_to_go", lambda _state: 0.0)
         life = Agent(spec, me, plant, renew, exchange, recorder, distance, fate, last_life.state if last_life else None)
         return AgentParts(agent, plant, mailbox, links, exchange, recorder, life.run())
+
+    def plant(self, agent: int) -> Plant:
+        """The body of one agent.
+
+        Raises:
+            PluginError: Its constructor refused its options.
+        """
+        return plant_of(self.fleet.spec, self.fleet.folder, agent)
 
 
 def _rhythm(spec: FleetSpec, agent: int) -> Rhythm:

@@ -37,8 +37,9 @@ class VirtualClock:
         """Fleet time, ns."""
         return self._now
 
-    def start(self, instant: int) -> None:
+    def start(self, instant: int) -> None:  # noqa: ARG002
         """The model starts at 0, whenever that is."""
+        self._now = 0
 
     def advance(self, until: int) -> int:
         """Let time pass until `until`, ns; it never goes back. The new time."""

@@ -30,9 +30,9 @@ def load(
 ) -> LoadedFleet:
     """Read and check a fleet file.
 
-    Plug-ins in use are imported, their signatures checked and their defaults filled in; nothing is constructed but
-    the topology and the faults. Files given by arguments are looked for in the working directory, then beside the
-    fleet file.
+    Plug-ins in use are imported, their signatures checked and their defaults filled in. The topology, the faults, and
+    built-in problems and plants are constructed, to see what they refuse; nothing else is. Files given by arguments are
+    looked for in the working directory, then beside the fleet file.
 
     Args:
         source: A path, or the name of a built-in fleet.

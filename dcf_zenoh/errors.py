@@ -65,6 +65,14 @@ class NeighbourLost(DcfError):
     """A neighbour died, froze or left in the middle of a run."""
 
 
+class Landed(DcfError):
+    """An agent ended its flight before its time, because something happened that must not."""
+
+
+class Stopped(DcfError):
+    """An agent was told to end before its time."""
+
+
 class NetworkError(DcfError):
     """The Zenoh session could not be opened, or an endpoint is not usable."""
 

@@ -266,6 +266,11 @@ class Exchange:
         """Whether a neighbour has said goodbye with `last`, as far as the model knows."""
         return last in self._reception.departed.values()
 
+    @property
+    def positions(self) -> dict[int, tuple[float, ...]]:
+        """Neighbour -> where it said to be in its newest message of this step, m, of those who told."""
+        return {message.sender: message.position for message in self._reception.messages if message.position}
+
     def lost_neighbours(self, step: int, now: int, silent_after: int) -> dict[int, str]:
         """Neighbours that died, failed or have been silent for longer than `silent_after` ns, and which it is."""
         found = {}
@@ -273,6 +278,8 @@ class Exchange:
             silence = now - self._reception.last_heard.get(j, 0)
             if dead := self._mailbox.dead(j):
                 found[j] = dead
+            elif self._reception.departed.get(j) is Last.LANDED:
+                found[j] = "it has landed"
             elif silence > silent_after:
                 found[j] = f"nothing heard for {silence * 1e-9:.2f} s"
         return found

@@ -9,6 +9,7 @@ from dcf_zenoh.faults.link import Link
 from dcf_zenoh.messaging.delivery import Delivery
 from dcf_zenoh.messaging.mailbox import Mailbox
 from dcf_zenoh.messaging.message import Last, Message, Payload
+from dcf_zenoh.requests import NEVER
 
 
 @dataclass(slots=True)
@@ -81,7 +82,7 @@ class Reception:
         self._waiting: dict[int, list[Delivery]] = {}  # arrived, not due
         self._silence: dict[int, int] = {}  # rounds in a row without anything
         self._here: tuple[float, ...] = ()
-        self._step = -2
+        self._step = -NEVER
         self._heard: dict[int, Delivery] = {}  # newest of each neighbour in this step
         self._first_seen: dict[int, int] = {}  # own round in which that was first there
         self._names: Set[Any] = frozenset()  # of the own payload

@@ -7,6 +7,7 @@ from collections.abc import Generator
 from typing import NamedTuple, TypeAlias, TypeVar
 
 from dcf_zenoh.messaging.message import Message
+from dcf_zenoh.plant import Check
 
 NEVER = 2**62
 
@@ -48,6 +49,19 @@ class Start(NamedTuple):
     instant: int
 
 
-Request: TypeAlias = Publish | Wait | Activate | Start
+class Report(NamedTuple):
+    """Tell whoever watches which phase of the flight begins, and what the inspection has found."""
+
+    phase: str
+    checks: tuple[Check, ...] = ()
+
+
+class Agree(NamedTuple):
+    """Go on when a person agrees to the take-off, or at `until`; then the loop is resumed with -1."""
+
+    until: int
+
+
+Request: TypeAlias = Publish | Wait | Activate | Start | Report | Agree
 R = TypeVar("R")
 Loop: TypeAlias = Generator[Request, int, R]

@@ -180,6 +180,7 @@ class Run:
         notes: Counter[str] = Counter()
         for each in (each for log in logs for each in log.notes):
             notes.update(each)
+        alarms = Counter(event["rule"] for log in logs for event in log.events if event["event"] == "alarm")
         plants = {spec.plant.kind if spec.plant else "none" for spec in map(self.fleet.agent, self.fleet.ids)}
         return {
             "fleet": self.fleet.name,
@@ -205,6 +206,8 @@ class Run:
                 "late": late,
                 "missing": missing,
             },
+            "landed": {str(i): log.landed for i, log in self.agents.items() if log.landed},
+            "alarms": dict(sorted(alarms.items())),
             "lost_by": {"faults": dict(sorted(lost_by.items())), "network": never_came},
             "notes": dict(sorted(notes.items())),
             "digest": self.digest,

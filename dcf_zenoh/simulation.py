@@ -11,10 +11,10 @@ from threadpoolctl import threadpool_limits
 from dcf_zenoh.agent_log import AgentLog
 from dcf_zenoh.assembly import AgentParts, Blueprint
 from dcf_zenoh.config import LoadedFleet, freeze, load
-from dcf_zenoh.errors import DcfError, PlantError, blaming
+from dcf_zenoh.errors import DcfError, NeighbourLost
 from dcf_zenoh.graph import Graph
 from dcf_zenoh.recording import open_log
-from dcf_zenoh.requests import Activate, Publish, Wait
+from dcf_zenoh.requests import Activate, Publish, Start, Wait
 from dcf_zenoh.run import Run
 
 Choice = Callable[[int], int]
@@ -67,8 +67,6 @@ def simulate(
         parts = [blueprint.build(agent, stream, {"run": name}) for agent, stream in streams.items()]
         for part in parts:
             stack.callback(part.plant.close)
-            with blaming(PlantError, f"agent {part.id}: prepare"):
-                part.plant.prepare()
         run_agents(parts, blueprint.graph, choose)
     if out is not None:
         return Run.read(out)
@@ -124,14 +122,19 @@ def run_agents(parts: Sequence[AgentParts], graph: Graph, choose: Choice | None 
     listeners = {i: [actors[j] for j in graph.out_neighbours(i)] for i in graph.agents}
     ready = list(actors.values())
     running = len(ready)
+    effect: NeighbourLost | None = None
     while running:
         if not ready:
-            raise DcfError(
-                "the simulation is stuck: " + "; ".join(_plight(actor) for actor in actors.values() if actor.wait)
-            )
+            waiting = "; ".join(_plight(actor) for actor in actors.values() if actor.wait)
+            raise effect or DcfError(f"the simulation is stuck: {waiting}")
         actor = ready.pop(choose(len(ready)) if choose else 0)
-        if not _advance(actor, listeners[actor.parts.id], ready):
+        try:
+            running -= not _advance(actor, listeners[actor.parts.id], ready)
+        except NeighbourLost as error:  # another one cannot go on; it is about to say why
+            effect = effect or error
             running -= 1
+    if effect:
+        raise effect
 
 
 def _advance(actor: _Actor, listeners: list[_Actor], ready: list[_Actor]) -> bool:
@@ -148,6 +151,8 @@ def _advance(actor: _Actor, listeners: list[_Actor], ready: list[_Actor]) -> boo
                     continue
                 listener.mailbox.put(message, message.sent)
                 listener.heard(message.sender, ready)
+        elif isinstance(request, Start):
+            actor.now = 0
         elif isinstance(request, Wait | Activate):
             if isinstance(request, Activate) or not request.senders:
                 actor.now = max(actor.now, request.until)

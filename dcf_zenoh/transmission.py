@@ -35,16 +35,17 @@ class Transmission:
     Args:
         agent: Id.
         incarnation: How often this agent was started again in this run.
+        first: Number of its first message.
 
     Attributes:
         published: Messages of control steps so far, edge messages one by one.
         position: Where the agent is, to be told; empty if nobody asks.
     """
 
-    def __init__(self, agent: int, incarnation: int = 0) -> None:
+    def __init__(self, agent: int, incarnation: int = 0, first: int = 0) -> None:
         self._agent = agent
         self._incarnation = incarnation
-        self._sequence = 0
+        self._sequence = first
         self.published = 0
         self.position: tuple[float, ...] = ()
 

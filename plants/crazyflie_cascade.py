@@ -28,6 +28,9 @@ STOPPED = 0  # motors off
 VELOCITY = 1  # [vx, vy, vz] in the world, m/s; yaw rate, rad/s
 HOVER = 2  # [vx, vy] along the heading, m/s, and height, m; yaw rate, rad/s
 POSITION = 3  # [x, y, z], m; yaw, rad
+TILT_HEIGHT = 4  # [roll, pitch], rad, and height, m; yaw rate, rad/s
+TILT_CLIMB = 5  # [roll, pitch], rad, and vertical velocity, m/s; yaw rate, rad/s
+TILT_THRUST = 6  # [roll, pitch], rad, and common motor command; yaw rate, rad/s
 
 X, Y, Z, VX, VY, VZ, ROLL, PITCH, YAW, ROLL_RATE, PITCH_RATE, YAW_RATE = range(12)
 # One row per loop: kp, ki, kd, limit of the integral, limit of the output; a limit of 0 is none.
@@ -106,7 +109,7 @@ def update(
     Args:
         cascade: Its memory.
         tick: Counts ms; tells which loops are due.
-        mode: Of the setpoint: STOPPED, VELOCITY, HOVER or POSITION.
+        mode: Of the setpoint, from STOPPED to TILT_THRUST.
         setpoint: Three values and a heading or yaw rate, see the modes, shape (4,).
         position: Estimate, m, world, shape (3,).
         velocity: Estimate, m/s, world, shape (3,).
@@ -125,6 +128,10 @@ def update(
     if tick % POSITION_EVERY == 0:
         wanted = velocity_wanted(cascade, mode, setpoint, position, angles[2])
         attitude_and_thrust(cascade, wanted, velocity, angles[2])
+        if mode >= TILT_HEIGHT:
+            cascade.attitude[0], cascade.attitude[1] = math.degrees(setpoint[0]), math.degrees(setpoint[1])
+        if mode == TILT_THRUST:
+            cascade.thrust[0] = setpoint[2]
     if mode == STOPPED:
         cascade.thrust[0] = 0.0
     if tick % ATTITUDE_EVERY == 0:
@@ -177,7 +184,7 @@ def velocity_wanted(
         here_left = cosine * position[1] - sine * position[0]
         ahead = plain(cascade, X, ahead, here_ahead, period)
         left = plain(cascade, Y, left, here_left, period)
-    if mode in (HOVER, POSITION):
+    if mode in (HOVER, POSITION, TILT_HEIGHT):
         up = plain(cascade, Z, up, position[2], period)
     return ahead, left, up
 

@@ -14,10 +14,11 @@ def _folder() -> str:
     """Where the machine code of the present sources is kept; empty for numba's own choice.
 
     numba compiles a function anew when its file changed, but not when only a file of functions that it calls did.
-    So the sources together name the folder.
+    So the sources of what is compiled together name the folder.
     """
     here = Path(__file__).parent
-    sources = b"".join(path.read_bytes() for path in sorted(here.glob("crazyflie_*.py")))
+    texts = (path.read_bytes() for path in sorted(here.glob("crazyflie_*.py")))
+    sources = b"".join(text for text in texts if b"compiled" in text or b"class Vehicle" in text)
     folder = here / "__pycache__" / f"crazyflie-{hashlib.sha256(sources).hexdigest()[:16]}"
     try:
         folder.mkdir(parents=True, exist_ok=True)

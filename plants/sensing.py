@@ -80,8 +80,11 @@ class Estimator:
         self._next = 0.0
         self._back = 0.0  # end of the interruption, if there is one
 
-    def step(self, position: Array, velocity: Array, duration: float) -> None:
-        """Take in that `duration`, in s, later the body is at `position` and moves with `velocity`."""
+    def step(self, position: Array, velocity: Array, duration: float, *, measured: bool = True) -> None:
+        """Take in that `duration`, in s, later the body is at `position` and moves with `velocity`.
+
+        While it is not `measured`, the estimate follows the accelerometer alone.
+        """
         sensor, rng = self._sensor, self._rng
         self._now += duration
         acceleration = (velocity - self._last_velocity) / duration + sensor.accelerometer * rng.standard_normal(3)
@@ -92,9 +95,9 @@ class Estimator:
             self._back = self._now + sensor.dropout_length
         if self._now >= self._next:
             self._next = self._now + rng.uniform(sensor.shortest, sensor.longest)
-            measured = position + self._bias + sensor.noise * rng.standard_normal(3)
-            if self._now >= self._back:
-                self._under_way.append((self._now + sensor.latency, measured - self.estimate[:3]))
+            seen = position + self._bias + sensor.noise * rng.standard_normal(3)
+            if measured and self._now >= self._back:
+                self._under_way.append((self._now + sensor.latency, seen - self.estimate[:3]))
         while self._under_way and self._under_way[0][0] <= self._now:
             _, error = self._under_way.popleft()
             self.estimate[:3] += self._alpha * error

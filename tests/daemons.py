@@ -59,25 +59,32 @@ def until(true: Callable[[], object], what: str, within: float = 30.0) -> float:
 
 
 class Launch:
-    """``agentd launch FLEET --json --no-report`` in a process of its own. Use it in a ``with`` statement.
+    """``agentd launch FLEET --no-report`` in a process of its own. Use it in a ``with`` statement.
 
     Args:
         fleet: Fleet file, or a name.
         folder: Run directory; standard output and error of the launcher go beside it.
         changes: Each for ``--set``.
         before: Python that runs first in the launcher's process.
+        yes: Real bodies may take off.
+        quiet: The launcher prints an object, and not how far it is (``--json``).
     """
 
-    def __init__(self, fleet: Path | str, folder: Path, *changes: str, before: str = "") -> None:
+    def __init__(
+        self, fleet: Path | str, folder: Path, *changes: str, before: str = "", yes: bool = False, quiet: bool = True
+    ) -> None:
         self.folder = folder
         start = ["-c", f"{before}\nimport sys; from agentd.cli import main; sys.exit(main())"]
-        options = [word for change in changes for word in ("--set", change)]
+        options = [word for change in changes for word in ("--set", change)] + ["--yes"] * yes + ["--json"] * quiet
         command = [sys.executable, *(start if before else ["-m", "agentd"]), "launch", str(fleet), *options]
         folder.parent.mkdir(parents=True, exist_ok=True)
         self._out, self._err = folder.with_suffix(".out"), folder.with_suffix(".err")
         with self._out.open("w") as out, self._err.open("w") as err:
             self.process = subprocess.Popen(
-                [*command, "--out", str(folder), "--json", "--no-report"], stdout=out, stderr=err
+                [*command, "--out", str(folder), "--no-report"],
+                stdin=subprocess.DEVNULL,
+                stdout=out,
+                stderr=err,
             )
 
     def __enter__(self) -> Self:
@@ -110,7 +117,7 @@ class Launch:
         data = path.read_bytes() if path.is_file() else b""
         return AgentLog.read(data, path.name) if data else None
 
-    def flying(self, steps: int = 3) -> dict[int, int]:
+    def flying(self, steps: int = 3, agents_at_least: int = 2, within: float = 60.0) -> dict[int, int]:
         """Wait until every agent has recorded so many steps; the daemons' process ids."""
         agents: dict[int, int] = {}
 
@@ -118,9 +125,9 @@ class Launch:
             assert self.process.poll() is None, f"the launcher has ended: {self.errors}"
             agents.update(self.daemons())
             logs = [self.log(i) for i in agents]
-            return len(agents) >= 2 and all(log is not None and len(log.step) >= steps for log in logs)
+            return len(agents) >= agents_at_least and all(log is not None and len(log.step) >= steps for log in logs)
 
-        until(all_there, f"{steps} steps of all agents")
+        until(all_there, f"{steps} steps of all agents", within)
         return agents
 
     def end(self, within: float = 20.0) -> int:

@@ -1,13 +1,13 @@
 """Fleets over bad networks: the same faults again, nothing that hangs, and who dies comes back."""
 
 import random
+import re
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 import dcf_zenoh
-from dcf_zenoh.errors import NeighbourLost
 from dcf_zenoh.run import Run
 from tests.test_reproducibility import both_cores_busy, launch
 
@@ -104,10 +104,16 @@ def test_nothing_hangs_when_all_messages_are_lost(rule: str, algorithm: str) -> 
     assert run.complete
 
 
-def test_a_silent_neighbour_ends_the_run_if_the_fleet_file_says_stop() -> None:
-    changes = ["agents.1.faults.crash.at=1.0", "safety.neighbour_silent.then='stop'"]
-    with pytest.raises(NeighbourLost, match=r"agent \d: step \d: neighbour 1 is lost \(nothing heard for 0\.\d+ s\)"):
-        dcf_zenoh.simulate("position_swap_lossy", changes=changes)
+def test_a_silent_neighbour_ends_the_flight_of_the_others_if_the_fleet_file_says_land() -> None:
+    changes = ["agents.1.faults.crash.at=1.0", "safety.neighbour_silent.then='land'"]
+    run = dcf_zenoh.simulate("position_swap_lossy", changes=changes)
+    for agent in (2, 3, 4):
+        end = run.agents[agent].end
+        assert end is not None
+        assert end["end"] == "landed"
+        assert re.fullmatch(
+            rf"agent {agent}: step \d: neighbour 1 is lost \(nothing heard for 0\.\d+ s\)", end["remark"]
+        )
 
 
 def test_with_plain_trades_the_run_completes_and_is_worse() -> None:

@@ -13,11 +13,11 @@ LAYERS = (
     "errors",
     "plant spec graph clock messaging.message configuration.wording",
     "requests agreement messaging.delivery messaging.mailbox faults algorithms problems",
-    "rhythm fate talk transmission controllers reception exchange recording",
-    "agent messaging problem_contract testing",
+    "rhythm fate talk transmission controllers reception exchange recording supervisor",
+    "flight agent messaging problem_contract testing",
     "plugins",
     "configuration config",
-    "assembly agent_log run simulation comparison link_health replay explanation",
+    "assembly agent_log run metrics simulation comparison link_health replay explanation",
 )
 FOR_FAMILIES = {"dcf_zenoh.spec", "dcf_zenoh.plant", "dcf_zenoh.graph", "dcf_zenoh.errors"}
 WITHOUT_IO = (
@@ -30,6 +30,8 @@ WITHOUT_IO = (
     "talk",
     "rhythm",
     "fate",
+    "flight",
+    "supervisor",
     "exchange",
     "agreement",
     "requests",

@@ -13,14 +13,19 @@ import dcf_zenoh
 LOOK_AHEAD = 0.05  # m, of the robot
 
 
-@pytest.mark.parametrize("topology", ["complete", "ring", "path"])
-def test_unlike_bodies_arrive_and_keep_their_distance(topology: str) -> None:
-    run = dcf_zenoh.simulate("position_swap_mixed", topology=topology)
-    assert run.summary()["plant"] == "point_mass, single_integrator, unicycle"
+@pytest.mark.parametrize(
+    ("topology", "seed"), [("complete", 1), ("ring", 2), ("path", 3), ("star", 4), ("complete", 5)]
+)
+def test_unlike_bodies_arrive_and_keep_their_distance(topology: str, seed: int) -> None:
+    run = dcf_zenoh.simulate("position_swap_mixed", topology=topology, seed=seed)
+    assert run.summary()["plant"] == "crazyflie, point_mass, single_integrator, unicycle"
     assert run.arrival_time is not None
     assert 11.0 <= run.arrival_time <= 16.0
     assert run.barriers.min() >= 0.1
-    assert run.distances.min() >= 0.2 + LOOK_AHEAD  # so the robot's axle is 0.2 m from everybody's middle
+    assert run.distances.min() >= 0.24
+    others = run.positions[:, :3] - run.positions[:, 3:]
+    assert np.linalg.norm(others, axis=2).min() >= 0.2 + LOOK_AHEAD  # 0.2 m from the middle of the robot's axle
+    np.testing.assert_allclose(run.agents[1].path[:, 2], 1.0, atol=0.1)  # the Crazyflie's height
     speeds = {i: np.linalg.norm(log.state[:, 2:], axis=1).max() for i, log in run.agents.items()}
     assert speeds[4] <= 0.2 + 1e-9  # the robot's wheels
     changes = np.diff(run.agents[3].state[:, 2:], axis=0) / 0.2
@@ -32,6 +37,13 @@ def test_start_errors_of_ten_centimetres_are_borne() -> None:
     starts = {1: (0.0, 1.0), 2: (0.0, -1.0), 3: (1.0, 0.0), 4: (-1.0, 0.0)}
     moved = [f"agents.{i}.start={(np.array(p) + 0.1 * rng.normal(size=2)).tolist()}" for i, p in starts.items()]
     run = dcf_zenoh.simulate("position_swap_mixed", topology="ring", changes=moved)
+    assert run.arrival_time is not None
+    assert run.barriers.min() >= 0.05
+
+
+def test_states_in_the_plane_and_in_space_ride_on_lossy_messages_together() -> None:
+    changes = ["controller.sharing=ride", "exchange.round_timeout=0.003", "exchange.max_rounds=40", "faults.loss=0.2"]
+    run = dcf_zenoh.simulate("position_swap_mixed", algorithm="trades_robust", topology="path", changes=changes)
     assert run.arrival_time is not None
     assert run.barriers.min() >= 0.05
 

@@ -22,16 +22,15 @@ def times(runs: Sequence[Run]) -> Figure | None:
         return None
     figure = Figure(figsize=(max(8.0, 3.1 * len(shown) + 1.6), 5.0), layout="constrained")
     negotiation, compute = figure.subplots(1, 2)
-    clocks = {run.fleet.time.clock for run in shown}
-    model = {"virtual": ", model time", "wall": ""}[clocks.pop()] if len(clocks) == 1 else ""
-    _boxes(negotiation, shown, [_values(run, "negotiation") for run in shown], BLUE)
+    labels = [_label(run) for run in shown]
+    boxes(negotiation, [milliseconds(run, "negotiation") for run in shown], labels, BLUE, allowed=budgets(shown))
     negotiation.set_title("Negotiation: all of steps 1 and 2")
-    negotiation.set_ylabel(f"time per step in ms{model}")
-    _boxes(compute, shown, [_values(run, "compute") for run in shown], ORANGE)
+    negotiation.set_ylabel(f"time per step in ms{kind_of_time(shown)}")
+    boxes(compute, [milliseconds(run, "compute") for run in shown], labels, ORANGE, allowed=budgets(shown))
     compute.set_title("Computation: the algorithm alone")
     compute.set_ylabel("time per step in ms, real time")
     figure.suptitle("Fleet " + ", ".join(dict.fromkeys(run.fleet.name for run in shown)), fontsize=12)
-    figure.legend(handles=_key(), loc="outside lower center", ncols=3)
+    figure.legend(handles=boxes_key(), loc="outside lower center", ncols=3)
     return figure
 
 
@@ -40,31 +39,51 @@ def took_part(run: Run) -> list[bool]:
     return [word != "abstained" for log in run.agents.values() for word in log.stopped_by]
 
 
-def _values(run: Run, quantity: str) -> Array:
+def kind_of_time(runs: Sequence[Run]) -> str:
+    """``, model time`` where that is so of all `runs`."""
+    return ", model time" if {run.fleet.time.clock for run in runs} == {"virtual"} else ""
+
+
+def budgets(runs: Sequence[Run]) -> list[float]:
+    """What each run has for the rounds of a step, ms."""
+    return [run.fleet.exchange.step_budget(run.fleet.time.sample_time) * 1e3 for run in runs]
+
+
+def milliseconds(run: Run, quantity: str) -> Array:
     """Times of all negotiated agent-steps, ms."""
     every: Array = np.concatenate([getattr(log, quantity) for log in run.agents.values()])
     return every[took_part(run)] * 1e3
 
 
-def _boxes(axes: Axes, runs: Sequence[Run], values: Sequence[Array], colour: str) -> None:
+def boxes(
+    axes: Axes,
+    values: Sequence[Array],
+    labels: Sequence[str],
+    colour: str,
+    *,
+    unit: str = " ms",
+    allowed: Sequence[float] = (),
+    words: bool = True,
+) -> None:
+    """A box for each of `values`, in words its median and maximum, and what each was `allowed` as a line."""
     axes.boxplot(
         list(values),
-        tick_labels=[_label(run) for run in runs],
+        tick_labels=list(labels),
         widths=0.45,
         patch_artist=True,
         boxprops={"facecolor": colour, "alpha": 0.45, "edgecolor": INK},
         medianprops={"color": INK, "linewidth": 1.8},
         flierprops={"marker": "o", "markersize": 3, "markerfacecolor": colour, "markeredgecolor": "none", "alpha": 0.7},
     )
-    budgets = [run.fleet.exchange.step_budget(run.fleet.time.sample_time) * 1e3 for run in runs]
-    for place, (budget, found) in enumerate(zip(budgets, values, strict=True), start=1):
+    for place, budget in enumerate(allowed, start=1):
         axes.hlines(budget, place - 0.42, place + 0.42, color=RED, linewidth=1.6, linestyle="--")
+    for place, found in enumerate(values if words else (), start=1):
         axes.annotate(
-            f"median {np.median(found):.3g} ms\nmax {found.max():.3g} ms", (place, 1), xytext=(0, -4),
+            f"median {np.median(found):.3g}{unit}\nmax {found.max():.3g}{unit}", (place, 1), xytext=(0, -4),
             xycoords=("data", "axes fraction"), textcoords="offset points", ha="center", va="top", fontsize=9,
         )  # fmt: skip
     axes.grid(visible=False, axis="x")
-    low, high = min(found.min() for found in values), max(*budgets, *(found.max() for found in values))
+    low, high = min(found.min() for found in values), max([*allowed, *(found.max() for found in values)])
     if low > 0 and high > _WIDE * min(np.median(found) for found in values):
         axes.set_yscale("log")
         axes.yaxis.set_major_formatter("{x:g}")
@@ -84,7 +103,8 @@ def _label(run: Run) -> str:
     return "\n".join(lines)
 
 
-def _key() -> list[Line2D]:
+def boxes_key() -> list[Line2D]:
+    """Legend of boxes."""
     return [
         Line2D([], [], color=RED, linestyle="--", linewidth=1.6, label="budget of a step"),
         Line2D([], [], color=INK, linewidth=1.8, label="median; box: quartiles; whiskers: up to 1.5 box lengths"),

@@ -29,13 +29,12 @@ def trajectories(runs: Sequence[Run]) -> Figure | None:
     panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
     panels[0, 0].set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
     for axes, run in zip(panels.flat, flown, strict=False):
-        _panel(axes, run)
+        draw_paths(axes, run, heading(run))
     for axes in panels.flat[len(flown) :]:
         axes.remove()
     for axes in panels[:, 0]:
         axes.set_ylabel("y in m")
-    regions = any(run.barriers.size for run in flown)
-    figure.legend(handles=_key(regions=regions), loc="outside lower center", ncols=4 if columns > 1 else 2)
+    figure.legend(handles=paths_key(flown), loc="outside lower center", ncols=4 if columns > 1 else 2)
     return figure
 
 
@@ -56,7 +55,8 @@ def limits(run: Run) -> tuple[Array, Array]:
     return low - margin, high + margin
 
 
-def _panel(axes: Axes, run: Run) -> None:
+def draw_paths(axes: Axes, run: Run, title: str) -> None:
+    """One run: everybody's path, and what was safe at the closest approach, which is added to `title`."""
     instant = _closest(run)
     for place, (agent, log) in enumerate(run.agents.items()):
         if agent in run.targets:
@@ -80,7 +80,6 @@ def _panel(axes: Axes, run: Run) -> None:
     axes.set_aspect("equal")
     axes.tick_params(labelbottom=True)  # also above the empty place of a last row
     axes.set_xlabel("x in m")
-    title = heading(run)
     if instant is not None:
         what, value, unit = _least(run, instant)
         title += f"\nclosest at {run.time[instant]:.1f} s: {what} {value:.3f}{unit}"
@@ -110,13 +109,13 @@ def _name(axes: Axes, agent: int, path: Array, colour: str) -> None:
     )  # fmt: skip
 
 
-def _key(*, regions: bool) -> list[Line2D | Patch]:
-    """Legend in neutral colour: the agents are named in the picture."""
+def paths_key(runs: Sequence[Run]) -> list[Line2D | Patch]:
+    """Legend of paths in neutral colour: the agents are named in the picture."""
     key: list[Line2D | Patch] = [
         Line2D([], [], color=GREY, marker="s", markersize=7, linewidth=1.8, label="start and path"),
         Line2D([], [], color=GREY, marker="o", markersize=11, markerfacecolor="none", linestyle="", label="end"),
         Line2D([], [], color=INK, marker="x", markersize=7, linestyle="", label="target"),
     ]
-    if regions:
+    if any(run.barriers.size for run in runs):
         key.append(Patch(facecolor="#eeeeee", edgecolor=GREY, label="safety region, closest instant"))
     return key

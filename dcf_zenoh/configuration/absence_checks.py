@@ -4,7 +4,7 @@ from dcf_zenoh.configuration.time_checks import LONGEST
 from dcf_zenoh.configuration.wording import Problems
 from dcf_zenoh.spec import FleetSpec
 
-GO_ON = ", by safety.neighbour_silent.then = 'stop'; 'continue' goes on"
+GO_ON = ", by safety.neighbour_silent.then = 'land'; 'continue' goes on"
 
 
 def check_agents(spec: FleetSpec, problems: Problems, notes: list[str]) -> list[str]:
@@ -40,7 +40,7 @@ def check_agents(spec: FleetSpec, problems: Problems, notes: list[str]) -> list[
         notes += [
             f"{each}: the run ends when agent {agent} has been silent for {silent.after:g} s{GO_ON}"
             for each, lasts in gone.items()
-            if silent.then == "stop" and lasts > silent.after and len(spec.agents) > 1
+            if silent.then == "land" and lasts > silent.after and len(spec.agents) > 1
         ]
     return absences
 

@@ -5,11 +5,13 @@ from pathlib import Path
 from typing import Any
 
 from dcf_zenoh.configuration.absence_checks import check_agents
+from dcf_zenoh.configuration.body_checks import check_arena, check_body
 from dcf_zenoh.configuration.drawing import draw, weights_of
 from dcf_zenoh.configuration.fault_checks import check_links
 from dcf_zenoh.configuration.need_checks import check_needs
 from dcf_zenoh.configuration.shelf import Shelf
 from dcf_zenoh.configuration.time_checks import check_rhythm, check_time, check_timeout
+from dcf_zenoh.configuration.value_checks import check_values
 from dcf_zenoh.configuration.wording import Problems, listed, nearest
 from dcf_zenoh.errors import PluginError, TopologyError
 from dcf_zenoh.graph import Graph
@@ -29,6 +31,7 @@ def check(spec: FleetSpec, folder: Path, problems: Problems, notes: list[str], *
     """
     _check_plant_names(spec, problems)
     _check_starts(spec, problems)
+    check_arena(spec, problems)
     check_time(spec, problems, notes)
     check_rhythm(spec, problems, notes)
     _check_endpoints(spec, problems)
@@ -45,6 +48,7 @@ def check(spec: FleetSpec, folder: Path, problems: Problems, notes: list[str], *
     graph = None
     if not problems.within("topology") and (run_plugins or is_built_in("topologies", spec.topology.kind)):
         graph = _check_graph(spec, folder, problems)
+    check_values(spec, folder, problems, run_plugins=run_plugins)
     check_needs(spec, folder, graph, problems, run_plugins=run_plugins)
     check_timeout(spec, problems, losers=[*check_links(spec, graph, shelf), *check_agents(spec, problems, notes)])
 
@@ -131,6 +135,8 @@ def _check_plants(spec: FleetSpec, shelf: Shelf) -> None:
 
         schema = shelf.schema("plants", kind.kind, f"plants.{name}", used=bool(users))
         _check_overridden(shelf, schema, kind, f"plants.{name}", overrides=overrides, users=users, key=key)
+        if users and schema and (plugin := shelf.plugin("plants", kind.kind)):
+            check_body(plugin, spec, shelf.problems, name, users)
 
 
 def _check_overridden(

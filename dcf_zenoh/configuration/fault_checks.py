@@ -175,7 +175,7 @@ def _check_overruled(rules: Sequence[_Rule], problems: Problems) -> None:
 def _foretell_cut(spec: FleetSpec, key: str, plugin: Plugin, rule: FaultRule, notes: list[str]) -> None:
     silent = spec.safety.neighbour_silent
     lasts = LONGEST if rule.during is None else rule.during[1] - rule.during[0]
-    if silent.then == "stop" and lasts > silent.after and getattr(plugin, "STAGE", None) is Stage.CUT:
+    if silent.then == "land" and lasts > silent.after and getattr(plugin, "STAGE", None) is Stage.CUT:
         notes.append(f"{key}: the run ends when a link is cut for more than {silent.after:g} s{GO_ON}")
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 from dcf_zenoh.configuration.wording import Problems
 from dcf_zenoh.errors import PluginError
-from dcf_zenoh.plugins import Schema, accepted, check_known, check_signature, is_built_in, load, peek, split
+from dcf_zenoh.plugins import Plugin, Schema, accepted, check_known, check_signature, is_built_in, load, peek, split
 from dcf_zenoh.spec import Kind
 
 
@@ -42,6 +42,10 @@ class Shelf:
         except PluginError as error:
             self.problems.add(f"{key}.kind", "; ".join(error.problems))
         return None
+
+    def plugin(self, group: str, kind: str) -> Plugin | None:
+        """What `kind` stands for; None if it must not be imported."""
+        return load(group, kind, self.folder) if self.run or is_built_in(group, kind) else None
 
     def compare(self, schema: Schema, options: Mapping[str, Any], key: Callable[[str], str]) -> None:
         """Note the options that `schema` does not accept, under ``key(option)``."""

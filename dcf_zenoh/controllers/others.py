@@ -8,6 +8,7 @@ import numpy as np
 
 from dcf_zenoh.algorithms.algorithm import Dialogue, Me
 from dcf_zenoh.controllers.riding import Carrier, Table
+from dcf_zenoh.controllers.rows import unstacked
 from dcf_zenoh.plant import Array
 
 PATIENCE = 3  # rounds per hop, and one hop more, for the states of a step
@@ -134,7 +135,7 @@ class Others:
     def _predicted(self, agent: int, step: int) -> Array:
         """The state of a known agent at `step`: at constant velocity since its newest entry, or at rest if lost."""
         then, state = self._states.rows[(agent,)]
-        position, velocity = np.split(state, 2)
+        position, velocity = np.split(unstacked(state), 2)
         if step - then > self._age_max:
             return np.concatenate((position, np.zeros_like(velocity)))
         return np.concatenate((position + velocity * ((step - then) * self._sample_time), velocity))

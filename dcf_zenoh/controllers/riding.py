@@ -7,6 +7,7 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 
 from dcf_zenoh.algorithms.algorithm import Dialogue, Inbox, PerNeighbour
+from dcf_zenoh.controllers.rows import stacked
 from dcf_zenoh.errors import AlgorithmError
 from dcf_zenoh.messaging.message import Payload, Value
 from dcf_zenoh.plant import Array
@@ -31,7 +32,7 @@ class Table:
         name: Of its entries in a payload.
 
     Attributes:
-        rows: Key -> the newest entry known.
+        rows: Key -> the newest entry known. One that is shorter than others may end in NaN; see `unstacked`.
     """
 
     def __init__(self, name: str) -> None:
@@ -52,7 +53,7 @@ class Table:
         if self._payload is None:
             keys = sorted(self.rows)
             steps, values = zip(*(self.rows[key] for key in keys), strict=True)
-            arrays = np.array(keys), np.array(steps), np.array(values)
+            arrays = np.array(keys), np.array(steps), stacked(values)
             for array in arrays:
                 array.setflags(write=False)  # one copy for the messages to all neighbours
             self._payload = dict(zip(self._names, arrays, strict=True))

@@ -6,6 +6,7 @@ from collections.abc import Generator
 import numpy as np
 
 from dcf_zenoh.algorithms.algorithm import Inbox, Me
+from dcf_zenoh.controllers.rows import stacked, unstacked
 from dcf_zenoh.messaging.message import Payload
 from dcf_zenoh.plant import Array
 
@@ -15,7 +16,7 @@ def share_states(me: Me, own: Array) -> Generator[tuple[Payload, float], Inbox, 
 
     Args:
         me: This agent.
-        own: Its measured state, shape (n,), the same n at every agent.
+        own: Its measured state, shape (n,); bodies in the plane and in space may share a fleet.
 
     Returns:
         Agent -> state, as far as known, ascending by id; and whether there is time left to use it.
@@ -23,11 +24,11 @@ def share_states(me: Me, own: Array) -> Generator[tuple[Payload, float], Inbox, 
     table = {me.id: own}
     for _ in range(me.neighbourhood.diameter):
         known = sorted(table)
-        inbox = yield {"ids": np.array(known), "states": np.array([table[i] for i in known])}, math.inf
+        inbox = yield {"ids": np.array(known), "states": stacked([table[i] for i in known])}, math.inf
         for j in inbox:
             ids, states = np.asarray(inbox[j]["ids"]), np.asarray(inbox[j]["states"])
             for row, agent in enumerate(ids.tolist()):
-                table.setdefault(agent, states[row])
+                table.setdefault(agent, unstacked(states[row]))
         if inbox.stop:
             return dict(sorted(table.items())), False
     return dict(sorted(table.items())), True

@@ -14,12 +14,12 @@ class _Sender:
 
     __slots__ = ("ahead", "farewell", "incarnation", "known", "next", "promise", "ready", "skipped")
 
-    def __init__(self, incarnation: int = 0, *, under_way: bool = False) -> None:
+    def __init__(self, incarnation: int = 0, first: int | None = 0) -> None:
         self.incarnation = incarnation
-        self.next = -1 if under_way else 0  # the sequence number that continues `ready`; -1: whatever comes first
+        self.next = first  # the sequence number that continues `ready`; None: whatever comes first
         self.ready: deque[Delivery] = deque()
         self.ahead: list[tuple[int, Delivery]] = []  # ascending; arrived before a number that is still missing
-        self.known = (-2, 0)  # heard without a gap up to this (step, round)
+        self.known = (-NEVER, 0)  # heard without a gap up to this (step, round)
         self.promise = -NEVER  # will send nothing before this instant
         self.farewell = Last.NO
         self.skipped: set[int] = set()  # numbers given up
@@ -46,7 +46,7 @@ class Mailbox:
 
     Args:
         senders: The in-neighbours.
-        under_way: They have been sending before: whatever comes first is the beginning.
+        first: Number of their first message; None: they are under way, whatever comes first is the beginning.
 
     Attributes:
         duplicates: Messages dropped because their sequence number was already released.
@@ -55,8 +55,8 @@ class Mailbox:
         lost: Neighbours that died, and how that was noticed.
     """
 
-    def __init__(self, senders: Iterable[int], *, under_way: bool = False) -> None:
-        self._senders = {sender: _Sender(under_way=under_way) for sender in senders}
+    def __init__(self, senders: Iterable[int], *, first: int | None = 0) -> None:
+        self._senders = {sender: _Sender(first=first) for sender in senders}
         self.duplicates = 0
         self.overtaken = 0
         self.refused = 0
@@ -74,7 +74,7 @@ class Mailbox:
         if message.incarnation > sender.incarnation:
             sender = self.welcome(message.sender, message.incarnation)
         delivery = Delivery(message, entered, entered if due is None else due)
-        if sender.next < 0:
+        if sender.next is None:
             sender.next = message.sequence
         if message.incarnation < sender.incarnation:
             self.overtaken += 1
@@ -122,8 +122,9 @@ class Mailbox:
         for sender in self._senders.values():
             while sender.ahead:
                 number, delivery = sender.ahead.pop(0)
-                sender.skipped.update(range(sender.next, number))
-                if number >= sender.next:
+                begin = number if sender.next is None else sender.next
+                sender.skipped.update(range(begin, number))
+                if number >= begin:
                     sender.append(delivery)
                 else:
                     self.duplicates += 1

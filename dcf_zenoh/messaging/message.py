@@ -21,6 +21,8 @@ BYTES_MAX = 4 * 1024 * 1024
 PAYLOAD_MAX = BYTES_MAX - 64 * 1024  # room for the header and the names
 NAME_MAX = 128
 DIMENSIONS_MAX = 8
+STEPS_BEFORE = 16  # step numbers below 0, for dialogues before the start
+NUMBERS_BEFORE = 2**20  # sequence numbers below 0, for their messages
 DTYPES = {
     code: np.dtype(code) for code in ("<f8", "<f4", "<i8", "<i4", "<i2", "|i1", "|u1", "<u2", "<u4", "<u8", "|b1")
 }
@@ -38,7 +40,8 @@ class Last(IntEnum):
     AWAY = 2  # nothing before the message's step: in virtual time, for the runner alone, never seen by the model
     DONE = 3  # the sender ran to its planned end
     ARRIVED = 4  # the sender knows that the whole fleet has arrived
-    FAILED = 5  # the sender stops because of an error
+    LANDED = 5  # the sender has ended its flight before its time, as it must where something unsafe happens
+    FAILED = 6  # the sender stops because of an error
 
 
 class Message(NamedTuple):
@@ -47,8 +50,9 @@ class Message(NamedTuple):
     Attributes:
         sender: Id of the agent.
         incarnation: 0 for the first life of a daemon in a run, one more after each restart.
-        sequence: Counts the sender's messages of this incarnation; the edge messages of one round share a number.
-        step: Control step k; -1 before the start.
+        sequence: Counts the sender's messages of this incarnation; the edge messages of one round share a number. Those
+            of getting ready are below 0, so that what faults draw does not depend on how a fleet gets ready.
+        step: Control step k; below 0 before the start, one number for each phase of getting ready.
         round: Round p within the step.
         sent: Fleet time of sending, in ns since the start.
         stop_at: Round after which the sender leaves this step, or -1 while that is open.
@@ -77,8 +81,8 @@ class Message(NamedTuple):
 
 
 _LEAST = {
-    "sender": 0, "incarnation": 0, "sequence": 0, "step": -1, "round": 0, "sent": -(2**62), "stop_at": -1,
-    "settled_hops": -1, "promise": 0, "last": 0,
+    "sender": 0, "incarnation": 0, "sequence": -NUMBERS_BEFORE, "step": -STEPS_BEFORE, "round": 0, "sent": -(2**62),
+    "stop_at": -1, "settled_hops": -1, "promise": 0, "last": 0,
 }  # fmt: skip
 _INTEGERS, _MINIMA = (int,) * len(_LEAST), tuple(_LEAST.values())
 _LAST = tuple(Last)

@@ -60,6 +60,10 @@ class Stop(NamedTuple):
     reason: str
 
 
+class Agreed(NamedTuple):
+    """A person has agreed to the take-off."""
+
+
 class Command(NamedTuple):
     """An operator wants something of this agent, and waits for the answer."""
 
@@ -67,7 +71,7 @@ class Command(NamedTuple):
     reply: Callable[[bytes], None]
 
 
-Event: TypeAlias = Refused | Lost | Hello | Stop | Command
+Event: TypeAlias = Refused | Lost | Hello | Stop | Agreed | Command
 
 
 @dataclass(frozen=True)
@@ -138,15 +142,23 @@ class Network:
         agent: Id of this agent.
         hood: Whom it hears and who hears it.
         address: Keys and endpoints.
+        urgent: Sees what operators ask for at once, in a thread of Zenoh's: it must neither wait nor publish.
 
     Raises:
         NetworkError: The endpoint is taken or malformed, or a setting is not Zenoh's.
     """
 
-    def __init__(self, agent: int, hood: Neighbourhood, address: Address) -> None:
+    def __init__(
+        self,
+        agent: int,
+        hood: Neighbourhood,
+        address: Address,
+        urgent: Callable[[bytes], None] = lambda _request: None,
+    ) -> None:
         self._agent = agent
         self._linked = sorted({*hood.receives_from, *hood.sends_to})
         self._prefix = address.prefix
+        self._urgent = urgent
         self._events: SimpleQueue[Event] = SimpleQueue()
         self._meeting: Meeting | None = None
         config = address.config()
@@ -263,7 +275,7 @@ class Network:
                 raise NotReady(f"agent {self._agent}: {event.reason} before all neighbours were ready")
             if isinstance(event, Lost):
                 meeting.lose(event.agent)
-            elif isinstance(event, Refused):
+            elif isinstance(event, Refused | Agreed):
                 aside.append(event)
             elif isinstance(event, Command):
                 event.reply(b"")  # not yet
@@ -303,6 +315,7 @@ class Network:
 
     def _command(self, query: zenoh.Query) -> None:
         request = query.payload.to_bytes() if query.payload else b""
+        self._urgent(request)
         self.notify(Command(request, lambda answer: query.reply(query.key_expr, answer)))
 
     def _wake(self, sender: int) -> None:

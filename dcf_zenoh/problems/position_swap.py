@@ -120,6 +120,21 @@ class PositionSwap:
         rows = [weights @ matrix for matrix in _barrier_maps(agreed, self.barrier_decay)[0]]
         return np.array([1 / np.sqrt(2 * row @ inverse @ row) for row in rows])
 
+    def check_starts(self, starts: Mapping[int, Array]) -> dict[int, str]:
+        """Agent -> what is wrong with its start: it is too close to that of an agent with a lower id."""
+        found = {i: f"expected [x, y], in m, not {start.tolist()}" for i, start in starts.items() if len(start) < 2}
+        if found:
+            return found
+        r1, r2 = self.radii
+        for i, j in combinations(sorted(starts), 2):
+            dx, dy = abs(starts[i][:2] - starts[j][:2])
+            if (barrier := dx / r1 + dy / r2 - 1) < -SAME_COORDINATE:  # eq. (6)
+                found[j] = (
+                    f"agent {j} would start in the safety region of agent {i}: h = {barrier:.3g}, expected at least 0"
+                    f" (they are {dx:.3g} m apart in x and {dy:.3g} m in y; radii {r1:g} m and {r2:g} m)"
+                )
+        return found
+
     def distance_to_go(self, state: State) -> float:
         """Distance to the target in the plane, in m."""
         return float(np.hypot(*(state.position[:2] - self.target)))

@@ -14,11 +14,10 @@ from dcf_zenoh.spec.fleet import (
     Log,
     Network,
     Rounds,
-    Safety,
-    Silence,
     Time,
     Topology,
 )
+from dcf_zenoh.spec.safety import Arena, LateRule, LimitRule, Reaction, Safety, SeparationRule, SilenceRule
 from dcf_zenoh.spec.table import AgentId, Kind, Name, NonNegativeFloat, PositiveFloat, Table, Vector, nanoseconds
 
 __all__ = [
@@ -27,6 +26,7 @@ __all__ = [
     "AgentFaults",
     "AgentId",
     "AgentSpec",
+    "Arena",
     "Arrived",
     "Crash",
     "FaultRule",
@@ -34,14 +34,18 @@ __all__ = [
     "Faults",
     "FleetSpec",
     "Kind",
+    "LateRule",
+    "LimitRule",
     "Log",
     "Name",
     "Network",
     "NonNegativeFloat",
     "PositiveFloat",
+    "Reaction",
     "Rounds",
     "Safety",
-    "Silence",
+    "SeparationRule",
+    "SilenceRule",
     "Slow",
     "Switch",
     "Table",

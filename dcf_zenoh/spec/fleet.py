@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field
 
 from dcf_zenoh.spec.faults import AgentFaults, Faults
+from dcf_zenoh.spec.safety import Arena, Safety
 from dcf_zenoh.spec.table import AgentId, Kind, Name, NonNegativeFloat, PositiveFloat, Table, Vector
 
 
@@ -71,7 +72,7 @@ class Rounds(Table):
     missing: Literal["hold", "absent"] = Field(
         default="hold", description="what an algorithm sees of a neighbour not heard in time"
     )
-    late: Literal["previous_plan", "hold"] = Field(
+    late: Literal["previous_plan", "hold", "land"] = Field(
         default="previous_plan", description="what flies when a step overruns"
     )
     compute_time: NonNegativeFloat = Field(
@@ -89,22 +90,6 @@ class Rounds(Table):
     def step_budget(self, sample_time: float) -> float:
         """Seconds of each control step that rounds may take."""
         return 0.75 * sample_time if self.budget is None else self.budget
-
-
-class Silence(Table):
-    """What happens when a neighbour is lost."""
-
-    after: PositiveFloat = Field(default=0.6, description="s without a message that make a neighbour lost")
-    then: Literal["stop", "hold", "continue"] = Field(
-        default="stop",
-        description="end the run; come to rest and stay until its end; or go on without the neighbour",
-    )
-
-
-class Safety(Table):
-    """Reactions to what must not happen."""
-
-    neighbour_silent: Silence = Field(default_factory=Silence)
 
 
 class Log(Table):
@@ -179,6 +164,7 @@ class FleetSpec(Table):
     name: Name = Field(description="part of the keys on the wire and of the names of run directories")
     seed: Annotated[int, Field(ge=0)] = 0
     plant: str | None = Field(default=None, description="plant of every agent that names none")
+    arena: Arena | None = Field(default=None, description="where agents may be; see safety.geofence")
     time: Time = Field(default_factory=Time)
     exchange: Rounds = Field(default_factory=Rounds)
     topology: Topology = Field(default_factory=Topology)

@@ -21,6 +21,12 @@ KEYS = {
     "fleet", "run", "clock", "plant", "topology", "agents", "steps", "arrived", "arrival_time", "min_barrier",
     "min_distance", "rounds_per_step", "compute_ms", "negotiation_ms", "deadline_misses", "messages", "digest",
 }  # fmt: skip
+FRAIL = """
+from plants.point_mass import PointMass
+class Frail(PointMass):
+    def __init__(self, start):
+        raise ValueError("it broke")
+"""
 QUICK = ("--json", "--no-report", "--set", "time.duration=1.0")
 
 
@@ -74,8 +80,17 @@ BAD_FLEETS = {
     "unknown plug-in": (
         ["--set", "plants.point.kind=point_mas"],
         "plants.point.kind: unknown kind 'point_mas'; did you mean 'point_mass'?"
-        " known plants: crazyflie, point_mass, single_integrator, unicycle;"
+        " known plants: crazyflie, crazyflie_hardware, point_mass, single_integrator, unicycle;"
         " or 'package.module:Name', './file.py:Name'",
+    ),
+    "value that a built-in plant refuses": (
+        ["--set", "plants.point.accel_max=-1.0"],
+        "plants.point: PointMass refused its options: accel_max must be positive, in m/s², not -1.0",
+    ),
+    "start in a safety region": (
+        ["--set", "agents.2.start=[0.1, 0.9]"],
+        "agents.2.start: agent 2 would start in the safety region of agent 1: h = -0.4, expected at least 0"
+        " (they are 0.1 m apart in x and 0.1 m in y; radii 0.5 m and 0.25 m)",
     ),
     "unknown topology": (
         ["--topology", "rng"],
@@ -111,8 +126,9 @@ def test_all_problems_of_a_fleet_are_told_at_once(trio: Path, agentd: Callable[.
         f"agentd: {trio}: time.duration: expected a number > 0 (length of the run, s), not -1.0",
         f"agentd: {trio}: agents.2.start: expected a list of numbers (position before the first step, m),"
         " not [1.0, 'far']",
-        f"agentd: {trio}: sed: a fleet file has no key 'sed'; did you mean 'seed'? accepted: name, seed, plant, time,"
-        " exchange, topology, problem, algorithm, algorithms, controller, plants, agents, faults, safety, log, zenoh",
+        f"agentd: {trio}: sed: a fleet file has no key 'sed'; did you mean 'seed'? accepted: name, seed, plant, arena,"
+        " time, exchange, topology, problem,"
+        " algorithm, algorithms, controller, plants, agents, faults, safety, log, zenoh",
     ]
 
 
@@ -155,8 +171,9 @@ def test_an_id_that_is_not_in_the_fleet(trio: Path, agentd: Callable[..., Answer
 
 
 def test_a_plug_in_that_refuses_its_options(trio: Path, agentd: Callable[..., Answer]) -> None:
-    said = "plant: PointMass refused its options: accel_max must be positive, in m/s², not -1.0"
-    wrong = ["--set", "plants.point.accel_max=-1.0"]
+    (trio.parent / "frail.py").write_text(FRAIL)
+    said = "plant: Frail refused its options: it broke"
+    wrong = ["--plant", f"{trio.parent}/frail.py:Frail"]
     assert agentd("simulate", trio, *QUICK, *wrong, "--out", trio.parent / "a") == (
         2, "", f"agentd: agents.1: {said}\n",
     )  # fmt: skip

@@ -9,13 +9,28 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agentd.control import Answer, Change, Clear, Control, Done, Show, changes_in, decode_answer, decode_request, encode
+from agentd.control import (
+    HALT,
+    Answer,
+    Change,
+    Clear,
+    Control,
+    Done,
+    Halt,
+    Land,
+    Order,
+    Show,
+    changes_in,
+    decode_answer,
+    decode_request,
+    encode,
+)
 from dcf_zenoh.agent_log import AgentLog
 from dcf_zenoh.config import load
 from dcf_zenoh.errors import MessageError
 from dcf_zenoh.faults.link import Link
 from dcf_zenoh.recording import Recorder
-from dcf_zenoh.spec import FaultTable
+from dcf_zenoh.spec import FaultTable, Table
 from tests.deliveries import MS, S, convey, delivery
 from tests.lossy_fleets import lossy
 
@@ -30,11 +45,12 @@ class Daemon:
         self.fleet = load(lossy(folder, faults), changes=[f"{key}={value}" for key, value in changes.items()])
         self.links: dict[int, Link] = {}
         self.stream = io.BytesIO()
+        self.ends: list[str] = []
         recorder = Recorder(self.stream, 2, {})
-        self.control = Control(2, self.fleet, (1, 3), self.links, recorder)
+        self.control = Control(2, self.fleet, (1, 3), self.links, recorder, self.ends.append)
 
     def tell(self, request: Any, now: int = 0) -> Answer:
-        data = encode(request) if isinstance(request, Change | Clear | Show) else msgpack.packb(request)
+        data = encode(request) if isinstance(request, Table) else msgpack.packb(request)
         return decode_answer(self.control.obey(data, now), 2)
 
     @property
@@ -57,9 +73,11 @@ def daemon(tmp_path: Path) -> Daemon:
         Change(senders=(0,), name="loss", fault=False),
         Clear(senders=(3,)),
         Show(),
+        Land(),
+        Halt(),
     ],
 )
-def test_request_comes_out_as_it_went_in(request_: Change | Clear | Show) -> None:
+def test_request_comes_out_as_it_went_in(request_: Order) -> None:
     assert decode_request(encode(request_)) == request_
 
 
@@ -81,7 +99,7 @@ MALFORMED = {
     "more than one": msgpack.packb(SET) * 2,
     "half of one": msgpack.packb(SET)[:-3],
     "not a map": msgpack.packb([1]),
-    "unknown order": msgpack.packb({"do": "land"}),
+    "unknown order": msgpack.packb({"do": "dance"}),
     "no order": msgpack.packb({"senders": [1]}),
     "number in a string": msgpack.packb({**SET, "senders": ["1"]}),
     "nobody": msgpack.packb({**SET, "senders": []}),
@@ -111,6 +129,13 @@ def test_what_is_malformed_gets_an_error_and_changes_nothing(data: bytes, daemon
 def test_bytes_are_a_request_or_a_message_error(data: bytes) -> None:
     with suppress(MessageError):
         assert isinstance(decode_request(data), Change | Clear | Show)
+
+
+def test_operators_end_the_flight_and_get_an_answer(daemon: Daemon) -> None:
+    assert daemon.tell(Land(), 4 * S) == Answer(agent=2, time=4 * S)
+    assert daemon.ends == ["landed by an operator"]
+    assert decode_answer(daemon.control.obey(HALT, 5 * S), 2) == Answer(agent=2, time=5 * S)
+    assert daemon.ends[1:] == ["emergency stop by an operator"]
 
 
 def test_change_acts_on_the_links_named_from_now_on(daemon: Daemon) -> None:
@@ -171,7 +196,7 @@ def test_loss_needs_a_time_out_of_rounds(tmp_path: Path) -> None:
     daemon = Daemon(tmp_path)
     (tmp_path / "lossy.toml").write_text(text)
     fleet = load(tmp_path / "lossy.toml")
-    daemon.control = Control(2, fleet, (1, 3), daemon.links, Recorder(io.BytesIO(), 2, {}))
+    daemon.control = Control(2, fleet, (1, 3), daemon.links, Recorder(io.BytesIO(), 2, {}), daemon.ends.append)
     assert daemon.tell(SET).error.startswith("exchange.round_timeout: missing; loss can lose messages, and a round ")
     assert daemon.tell({**SET, "name": "latency", "fault": {"kind": "latency", "mean": 0.1}}).error == ""
 

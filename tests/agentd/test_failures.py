@@ -125,7 +125,7 @@ def test_when_a_daemon_is_killed_the_others_stop_within_a_second(trio: Path, tmp
         for agent in (1, 3):
             end = run.agents[agent].end
             assert end is not None
-            assert end["end"] == "failed"
+            assert end["end"] == "landed"
             assert re.match(  # perhaps the third one has stopped already too
                 rf"agent {agent}: step \d+: .*neighbour 2 is lost \(its liveliness token is gone\)", end["remark"]
             )

@@ -326,7 +326,7 @@ def test_fleet_is_told_when_a_cut_will_end_it(
     tmp_path: Path, agentd: Callable[..., Answer], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("agentd.fault.TIMEOUT", 0.1)
-    run = ground(tmp_path, FLEET.replace('"continue"', '"stop"'))
+    run = ground(tmp_path, FLEET.replace('"continue"', '"land"'))
     assert agentd("fault", run, "partition", "[[1], [2, 3]]").err.startswith(
         "agentd: note: partition: the run ends when a link is cut for more than 0.6 s, by safety.neighbour_silent"
     )

@@ -90,5 +90,5 @@ def test_a_simulation_in_which_nobody_can_go_on_says_who_waits_for_whom() -> Non
     blueprint = Blueprint.of(load("average", clock="virtual"))
     parts = [blueprint.build(i, BytesIO(), {"run": "x"}) for i in (1, 2, 3, 4)]  # agent 5 never comes
     links = [link for link in blueprint.graph.links if 5 not in link]
-    with pytest.raises(DcfError, match=r"the simulation is stuck: agent 1 waits for \[5\] in step -1 round 0"):
+    with pytest.raises(DcfError, match=r"the simulation is stuck: agent 1 waits for \[5\] in step -8 round 0"):
         run_agents(parts, Graph.of((1, 2, 3, 4), links))

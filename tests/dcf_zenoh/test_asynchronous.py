@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
+from dcf_zenoh.agent import Ending
 from dcf_zenoh.algorithms.algorithm import Dialogue
 from dcf_zenoh.assembly import AgentParts
 from dcf_zenoh.exchange import Exchange
@@ -90,7 +91,7 @@ def simulated(case: Case, dice: random.Random) -> tuple[Trace, dict[int, int], T
     passed: Trace = []
     ends: dict[int, int] = {}
 
-    def life(agent: int, exchange: Exchange) -> Loop[Last]:
+    def life(agent: int, exchange: Exchange) -> Loop[Ending]:
         for step in range(case.steps):
             due = step * case.sample_time
             now = yield Wait(due)
@@ -102,7 +103,7 @@ def simulated(case: Case, dice: random.Random) -> tuple[Trace, dict[int, int], T
             passed.append((agent, step, outcome.passed))
         now = yield Wait(case.steps * case.sample_time)
         yield exchange.goodbye(case.steps, now, Last.DONE)
-        return Last.DONE
+        return Ending(Last.DONE)
 
     parts = []
     for agent in case.graph.agents:

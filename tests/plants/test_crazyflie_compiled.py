@@ -8,9 +8,10 @@ from plants import crazyflie_compiled
 def test_machine_code_is_kept_apart_for_other_sources(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(crazyflie_compiled, "__file__", str(tmp_path / "crazyflie_compiled.py"))
     inner = tmp_path / "crazyflie_inner.py"
-    folders = []
-    for text in ("a = 1", "a = 2", "a = 1"):
+    folders: list[str] = []
+    for text in ("@compiled  # 1", "@compiled  # 2", "@compiled  # 1"):
         inner.write_text(text)
+        (tmp_path / "crazyflie_link.py").write_text(f"nothing for numba {len(folders)}")
         folders.append(crazyflie_compiled._folder())
     assert folders[0] == folders[2] != folders[1]
     assert Path(folders[0]).is_dir()

@@ -7,7 +7,7 @@ from tests.fleet_files import problems
 from tests.lossy_fleets import lossy
 
 ENDS = (
-    "the run ends when agent 2 has been silent for 0.6 s, by safety.neighbour_silent.then = 'stop'; 'continue' goes on"
+    "the run ends when agent 2 has been silent for 0.6 s, by safety.neighbour_silent.then = 'land'; 'continue' goes on"
 )
 
 

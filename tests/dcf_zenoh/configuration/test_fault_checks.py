@@ -159,7 +159,7 @@ def test_cut_that_lasts_is_foretold(tmp_path: Path) -> None:
     assert load(path).notes == ()
     assert load(path, changes=["faults.rule.2.during=[4,6]"]).notes == (
         "faults.rule.2.partition: the run ends when a link is cut for more than 0.6 s,"
-        " by safety.neighbour_silent.then = 'stop'; 'continue' goes on",
+        " by safety.neighbour_silent.then = 'land'; 'continue' goes on",
     )
     changes = ["faults.rule.2.during=[4,6]", "safety.neighbour_silent.then=continue"]
     assert load(path, changes=changes).notes == ()

@@ -31,6 +31,7 @@ def test_written_out_file_is_complete_and_in_order(file: Path) -> None:
         "problem",
         "algorithm",
         "controller",
+        "safety",
         "log",
         "zenoh",
     ]

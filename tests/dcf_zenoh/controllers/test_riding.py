@@ -3,6 +3,7 @@ import pytest
 
 from dcf_zenoh.algorithms.algorithm import Dialogue, Inbox, PerNeighbour
 from dcf_zenoh.controllers.riding import ALONE, Carrier, Table
+from dcf_zenoh.controllers.rows import unstacked
 from dcf_zenoh.errors import AlgorithmError
 from dcf_zenoh.messaging.message import canonical
 
@@ -37,6 +38,17 @@ def test_a_table_survives_the_journey_and_an_empty_one_adds_nothing() -> None:
     there.merge(canonical(here.payload))
     assert values(there) == values(here)
     np.testing.assert_array_equal(there.payload["riding.t.keys"], [[1], [2]])
+
+
+def test_values_of_unlike_length_ride_together() -> None:
+    here, there = Table("t"), Table("t")
+    here.put((1,), 0, np.array([1.0, 2.0]))
+    here.put((2,), 0, np.array([1.0, 2.0, 3.0]))
+    there.merge(canonical(here.payload))
+    there.put((3,), 0, np.array([1.0]))
+    here.merge(canonical(there.payload))
+    rows = {key: unstacked(entry.value).tolist() for key, entry in here.rows.items()}
+    assert rows == {(1,): [1.0, 2.0], (2,): [1.0, 2.0, 3.0], (3,): [1.0]}
 
 
 def listen(said: object, heard: list[Inbox]) -> Dialogue[str]:

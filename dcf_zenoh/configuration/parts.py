@@ -1,0 +1,57 @@
+"""The problem and the body of one agent, made from its specification."""
+
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+
+from dcf_zenoh.plant import NoPlant, Plant, read_only
+from dcf_zenoh.plugins import accepted, create, load
+from dcf_zenoh.spec import FleetSpec
+
+
+def problem_of(spec: FleetSpec, folder: Path, agent: int) -> Any:
+    """What `agent` has to solve.
+
+    Raises:
+        PluginError: The problem cannot be loaded, or refuses its options.
+    """
+    own = spec.agent(agent).problem
+    plugin = load("problems", own.kind, folder)
+    nominal = {"nominal": accepted(plugin).complete(spec.problem.options)}
+    return create(plugin, _known(spec, agent) | nominal, own.options, f"agents.{agent}: problem")
+
+
+def plant_of(spec: FleetSpec, folder: Path, agent: int) -> Plant:
+    """The body of `agent`, not prepared; one that does nothing if the agent only computes.
+
+    Raises:
+        PluginError: The plant cannot be loaded, or refuses its options.
+    """
+    own = spec.agent(agent).plant
+    if own is None:
+        return NoPlant()
+    plugin = load("plants", own.kind, folder)
+    return cast(Plant, create(plugin, _known(spec, agent), own.options, f"agents.{agent}: plant"))
+
+
+def _known(spec: FleetSpec, agent: int) -> dict[str, Any]:
+    """What plug-ins can ask for by name."""
+    return {
+        "agent": agent,
+        "agents": spec.ids,
+        "sample_time": spec.time.sample_time,
+        "start": read_only(spec.agent(agent).start),
+        "rng": np.random.Generator(np.random.Philox([spec.seed, agent, 1])),
+    }
+
+
+def plant_classes(spec: FleetSpec, folder: Path) -> set[type[Plant]]:
+    """The kinds of all bodies of a fleet.
+
+    Raises:
+        PluginError: One is unknown, or cannot be loaded.
+    """
+    kinds = {own.plant.kind for own in map(spec.agent, spec.ids) if own.plant}
+    found = {load("plants", kind, folder) for kind in kinds}
+    return {kind for kind in found if isinstance(kind, type) and issubclass(kind, Plant)}

@@ -1,0 +1,1 @@
+"""A software Crazyflie: firmware, body and radio, for the real cflib to connect to."""
