@@ -57,6 +57,17 @@ def test_a_cost_with_a_kink_needs_a_method_without_gradients(squares: Path) -> N
     ]
 
 
+def test_what_depends_on_numbers_is_found_too() -> None:
+    assert problems(BUILT_IN / "quadratic.toml", "agents.3.problem.upper=0.5") == [
+        "algorithm.kind: gradient_tracking needs a decision without bounds, which quadratic has not; those that can"
+        " solve it: centralised, consensus_admm, dual_decomposition, edge_admm, subgradient"
+    ]
+    assert problems(BUILT_IN / "cournot.toml", algorithm="trades_primal") == [
+        "algorithm.kind: trades_primal needs a game without shared constraints, which cournot has not; those that can"
+        " solve it: centralised, trades, trades_robust"
+    ]
+
+
 @pytest.mark.parametrize(
     ("changes", "text"),
     [
