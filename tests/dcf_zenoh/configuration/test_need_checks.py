@@ -38,7 +38,7 @@ def test_an_algorithm_of_another_structure_is_refused_and_others_are_named(squar
     assert problems(squares, algorithm="dual_subgradient") == [
         "algorithm.kind: dual_subgradient solves a problem with shared constraints, and quadratic is a consensus"
         " problem; those that can solve it: admm_tracking_gradient, centralised, consensus_admm, dual_decomposition,"
-        " edge_admm, exact_diffusion, extra, gradient_tracking, subgradient"
+        " edge_admm, exact_diffusion, extra, gradient_tracking, push_pull, subgradient"
     ]
 
 
