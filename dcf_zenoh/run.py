@@ -133,10 +133,17 @@ class Run:
 
     @cached_property
     def arrival_time(self) -> float | None:
-        """Since when all agents have been near their targets, if they stayed so for as long as the fleet asks."""
+        """Since when all agents have been near their targets, if they stayed so for as long as the fleet asks.
+
+        Where targets are agreed on in flight and not in the fleet file, it is by what the agents found.
+        """
         rule = self.fleet.time.arrived
-        if rule is None or set(self.targets) != set(self.agents) or not self.steps:
+        if rule is None or not self.steps:
             return None
+        if set(self.targets) != set(self.agents):
+            ends = [log.end for log in self.agents.values()]
+            agreed = [end["time"] * 1e-9 - rule.for_ for end in ends if end is not None and end["end"] == "arrived"]
+            return min(agreed) if len(agreed) == len(ends) else None
         goals = np.stack([self.targets[i] for i in self.agents])
         near = (np.linalg.norm(self.positions[..., : goals.shape[1]] - goals, axis=2) <= rule.within).all(axis=1)
         since = None

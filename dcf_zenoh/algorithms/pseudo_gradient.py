@@ -8,7 +8,7 @@ from dcf_zenoh.problems.problem import Game
 from dcf_zenoh.spec import PositiveFloat
 
 
-@needs(Game, links="complete")
+@needs(Game, traits=("uncoupled",), links="complete")
 def pseudo_gradient(problem: Game, me: Me, *, step: PositiveFloat = 0.1) -> Dialogue[Result]:
     """Each player steps against the gradient of its own cost, at the actions that all have told: ``x+ = P[x - a F_i]``.
 

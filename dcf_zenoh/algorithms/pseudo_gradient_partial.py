@@ -8,7 +8,7 @@ from dcf_zenoh.problems.problem import Game
 from dcf_zenoh.spec import PositiveFloat
 
 
-@needs(Game, doubly_stochastic=True)
+@needs(Game, traits=("uncoupled",), doubly_stochastic=True)
 def pseudo_gradient_partial(problem: Game, me: Me, *, step: PositiveFloat = 0.1) -> Dialogue[Result]:
     """Each player keeps estimates X of all actions, mixes them with its neighbours', and steps in its own row.
 

@@ -1,10 +1,12 @@
 """Whether an algorithm can solve this problem on this graph, as far as `dcf_zenoh.algorithms.needs` can tell before."""
 
 import typing
+from collections.abc import Sequence
 from pathlib import Path
 
 from dcf_zenoh.algorithms.needs import Needs, needs_of
 from dcf_zenoh.configuration.drawing import weights_of
+from dcf_zenoh.configuration.parts import problem_of
 from dcf_zenoh.configuration.wording import Problems, listed
 from dcf_zenoh.graph import Graph, Neighbourhood
 from dcf_zenoh.plugins import Plugin, is_built_in, known, load
@@ -32,8 +34,9 @@ def check_needs(spec: FleetSpec, folder: Path, graph: Graph | None, problems: Pr
         return
     if graph is not None and not problems.within("topology"):
         _check_links(needed, spec, graph, problems)
-    if not problems.within("plant"):
-        _check_problem(needed, spec, loaded("problems", spec.problem.kind, "problem"), problems)
+    kind = loaded("problems", spec.problem.kind, "problem")
+    if isinstance(kind, type) and not problems.within("plant"):
+        _check_problem(needed, spec, folder, kind, problems)
 
 
 def _check_links(needed: Needs, spec: FleetSpec, graph: Graph, problems: Problems) -> None:
@@ -46,43 +49,44 @@ def _check_links(needed: Needs, spec: FleetSpec, graph: Graph, problems: Problem
             problems.add("topology.weights", wrong)
 
 
-def _check_problem(needed: Needs, spec: FleetSpec, kind: Plugin | None, problems: Problems) -> None:
-    name = spec.problem.kind
-    if not isinstance(kind, type):
-        return
-    if spec.controller_kind.kind == "solve_once":
+def _check_problem(needed: Needs, spec: FleetSpec, folder: Path, kind: type, problems: Problems) -> None:
+    name, controller = spec.problem.kind, spec.controller_kind.kind
+    posed: Sequence[object] = ()  # problems, or their class, as far as is known here
+    if controller == "solve_once":
         if hasattr(kind, "at"):
-            problems.add(
-                "problem.kind", f"{name} is posed anew at every step, from where the agents are: they need plants"
-            )
-            return
-        posed: type | None = kind
-    elif spec.controller_kind.kind == "receding_horizon":
+            text = f"{name} is posed anew at every step, from where the agents are: they need plants"
+            problems.add("problem.kind", text)
+        elif is_built_in("problems", name) and not problems:
+            posed = [problem_of(spec, folder, agent) for agent in spec.ids]
+        else:
+            posed = [kind]
+    elif controller == "receding_horizon":
         if issubclass(kind, Problem) and not hasattr(kind, "at"):
-            problems.add("problem.kind", f"{name} does not depend on where the agents are: leave out their plants")
-            return
-        posed = _posed_by(kind)
-    else:
-        return
-    if posed is not None and (wrong := needed.of_problem(posed, name)):
-        if issubclass(posed, Problem):
+            text = f"{name} does not depend on where the agents are: leave out their plants"
+            problems.add("problem.kind", text)
+        else:
+            posed = _posed_by(kind)
+    wrong = next(filter(None, (needed.of_problem(each, name) for each in posed)), None)
+    if wrong is not None:
+        if issubclass(kind, Problem) or hasattr(kind, "at"):
             able = [each for each in sorted(known("algorithms")) if _solves(each, posed)]
             wrong += f"; those that can solve it: {listed(able)}"
         problems.add("algorithm.kind", wrong)
 
 
-def _posed_by(kind: type) -> type | None:
+def _posed_by(kind: type) -> list[type]:
     """The class of what a problem poses in each step, if the annotation of its `at` tells."""
     try:
         posed = typing.get_type_hints(kind.at).get("return")  # type: ignore[attr-defined]
     except (AttributeError, NameError, TypeError):
-        return None
-    return posed if isinstance(posed, type) else None
+        return []
+    return [posed] if isinstance(posed, type) else []
 
 
-def _solves(algorithm: str, posed: type) -> bool:
-    """Whether a built-in algorithm solves such problems, whatever their numbers."""
+def _solves(algorithm: str, posed: Sequence[object]) -> bool:
+    """Whether a built-in algorithm solves all of these, as far as is known here."""
     needed = needs_of(load("algorithms", algorithm, Path())) if is_built_in("algorithms", algorithm) else None
-    if needed is None or needed.of_problem(posed, ""):
-        return False
-    return all(getattr(posed, trait, True) is True for trait in needed.traits)
+    return needed is not None and all(
+        needed.of_problem(each, "") is None and all(getattr(each, trait, True) is True for trait in needed.traits)
+        for each in posed
+    )

@@ -23,7 +23,8 @@ class StepProblem(Protocol):
 class RecedingHorizonProblem(Protocol):
     """A problem that is posed anew at every step, from the states of all agents.
 
-    If it has a method `signs` too, it is taken to be a `SignedProblem`.
+    If it has a method `signs` too, it is taken to be a `SignedProblem`; if it has an attribute `local` that is true, it
+    gets the own state alone, and no state is shared.
     """
 
     def at(self, states: Mapping[int, Array]) -> StepProblem:
@@ -62,9 +63,10 @@ class RecedingHorizon(Controller):
         algorithm: Solves it, in rounds with the neighbours.
         me: This agent.
         sample_time: t_s, in s.
-        sharing: How the agents learn of each other's states. "flood": in as many rounds as the graph's diameter, in
-            which nothing may be lost, or there is no setpoint. "ride": on every message of every round; a state
-            that did not come in time is predicted, at constant velocity, from the newest one that did.
+        sharing: How the agents learn of each other's states, where the problem is not local. "flood": in as many rounds
+            as the graph's diameter, in which nothing may be lost, or there is no setpoint. "ride": on every message of
+            every round; a state that did not come in time is predicted, at constant velocity, from the newest one that
+            did.
         predict_delay: Time from the measurement until the setpoint acts, in s. The problem starts from the own
             state predicted for then, under the setpoint that is being flown.
         lost_after: With "ride", an agent whose newest state is older than this, in s, is kept clear of where it
@@ -92,7 +94,8 @@ class RecedingHorizon(Controller):
         self._algorithm = algorithm
         self._me = me
         self._predict_delay = self.acts_after = predict_delay
-        self._others = Others(me, problem, sample_time, lost_after) if sharing == "ride" else None
+        self._local = bool(getattr(problem, "local", False))
+        self._others = Others(me, problem, sample_time, lost_after) if sharing == "ride" and not self._local else None
         self._posed: StepProblem | None = None
         self._decision: Array = np.empty(0)
         self._stage = 0
@@ -102,6 +105,8 @@ class RecedingHorizon(Controller):
         """Share states, then solve."""
         own = self._ahead(state)
         self._flown = None
+        if self._local:
+            return (yield from self._solve({self._me.id: own}))
         if self._others is None:
             return (yield from self._flood(own))
         return (yield from self._ride(self._others, own, step))
@@ -116,6 +121,9 @@ class RecedingHorizon(Controller):
         states, in_time = yield from share_states(self._me, own)
         if not in_time or len(states) < self._me.count:
             return Decision(None, np.empty(0), {"unknown_agents": self._me.count - len(states)})
+        return (yield from self._solve(states))
+
+    def _solve(self, states: Mapping[int, Array]) -> Dialogue[Decision]:
         posed = cast(RecedingHorizonProblem, self._problem).at(states)
         result = yield from solve(self._algorithm, posed, self._me)
         return self._plan(posed, result.decision, {})

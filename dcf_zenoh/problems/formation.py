@@ -28,11 +28,14 @@ class Formation:
         accel_max: Bound on each component of the acceleration, m/s².
 
     Attributes:
+        local: An agent poses its part from its own state alone.
         place: Where the agent was sent last, shape (d,), m; None before that.
 
     Raises:
         ValueError: A number is out of its range, or `goal` and `offset` differ in length.
     """
+
+    local = True
 
     def __init__(
         self,
@@ -68,10 +71,9 @@ class Formation:
         return Meeting(self, position, velocity, wanted)
 
     def distance_to_go(self, state: State) -> float:
-        """Distance to where the agent was sent last, m; infinite before that."""
-        if self.place is None:
-            return float("inf")
-        return float(np.linalg.norm(state.position[: len(self.place)] - self.place))
+        """Distance to the place around the goal, or else to where the agent was sent last (infinite before that), m."""
+        end = self.place if self._goal is None else self._goal + self.offset
+        return float("inf") if end is None else float(np.linalg.norm(state.position[: len(end)] - end))
 
 
 class Meeting(MeanProblem, ConsensusProblem):

@@ -126,6 +126,11 @@ class Game(Problem, ABC):
     players: tuple[int, ...]
     size: int
 
+    @property
+    def uncoupled(self) -> bool:
+        """There are no shared constraints."""
+        return True
+
     @abstractmethod
     def pseudo_gradient(self, profile: Array) -> Array:
         """F_i: the gradient of this agent's cost with regard to its own action, at `profile`, shape (N, n)."""

@@ -9,6 +9,9 @@ from dcf_zenoh.problems.formation import Formation, Meeting
 class Rendezvous:
     """In every control step all agree on the mean of their positions, and fly there: a formation without offsets.
 
+    Attributes:
+        local: An agent poses its part from its own state alone.
+
     Args:
         agent: Id of this agent.
         sample_time: t_s, s.
@@ -19,6 +22,8 @@ class Rendezvous:
     Raises:
         ValueError: A number is out of its range.
     """
+
+    local = True
 
     def __init__(
         self, agent: int, sample_time: float, *, dimensions: int = 2, pace: float = 1.5, accel_max: float = 2.0

@@ -13,8 +13,9 @@ from dcf_zenoh.algorithms.edge_admm import edge_admm
 from dcf_zenoh.algorithms.exact_diffusion import exact_diffusion
 from dcf_zenoh.algorithms.extra import extra
 from dcf_zenoh.algorithms.gradient_tracking import gradient_tracking
+from dcf_zenoh.algorithms.push_pull import push_pull
 from dcf_zenoh.algorithms.subgradient import subgradient
-from dcf_zenoh.graph import metropolis
+from dcf_zenoh.graph import Graph, metropolis
 from dcf_zenoh.testing import lossy
 from tests.answers import (
     AGENTS,
@@ -28,10 +29,12 @@ from tests.answers import (
     random_graph,
     random_quadratic,
 )
+from topologies.ring import ring
 
 # Linear on P1: rounds, and the slowest rate on any of the four graphs.
 LINEAR: dict[str, tuple[Algorithm, int, float]] = {
     "gradient_tracking": (gradient_tracking, 500, 0.93),
+    "push_pull": (push_pull, 400, 0.91),
     "extra": (extra, 250, 0.86),
     "exact_diffusion": (exact_diffusion, 250, 0.84),
     "consensus_admm": (consensus_admm, 200, 0.78),
@@ -63,6 +66,16 @@ def test_random_costs_on_random_graphs_meet_their_closed_form(name: str, seed: i
     assert found.error < 1e-10
 
 
+@pytest.mark.parametrize("links", [ring(AGENTS, directed=True), [*ring(AGENTS, directed=True), (1, 3)]])
+@pytest.mark.parametrize("weights", ["uniform", "uneven"])
+def test_push_pull_needs_neither_opposite_links_nor_columns_that_sum_to_one(
+    weights: str, links: list[tuple[int, int]]
+) -> None:
+    found = course(push_pull, quadratic(), Graph.of(AGENTS, links), everywhere(1.0), 500, weights=weights)
+    assert found.error < 1e-11
+    assert found.rate < 0.93
+
+
 @pytest.mark.parametrize("loss", [0.05, 0.2, 0.5])
 @pytest.mark.parametrize("topology", TOPOLOGIES)
 @pytest.mark.parametrize("name", BEARS_LOSS)
@@ -72,7 +85,7 @@ def test_half_of_all_messages_may_be_lost(name: str, topology: str, loss: float)
     assert found.error < 1e-9
 
 
-@pytest.mark.parametrize("name", ["gradient_tracking", "extra", "exact_diffusion", "consensus_admm"])
+@pytest.mark.parametrize("name", ["gradient_tracking", "push_pull", "extra", "exact_diffusion", "consensus_admm"])
 def test_the_others_are_left_with_a_bias_by_lost_messages(name: str) -> None:
     algorithm, rounds, _ = LINEAR[name]
     found = course(algorithm, quadratic(), graph("ring"), everywhere(1.0), 2 * rounds, links=lossy(3, 0.05))

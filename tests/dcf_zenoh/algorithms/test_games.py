@@ -123,8 +123,7 @@ def test_seeing_all_actions_needs_a_link_from_everybody() -> None:
         lockstep(pseudo_gradient, cournot(), fleet_of(graph("ring")), 1)
 
 
-def test_primal_trades_refuses_shared_constraints() -> None:
-    with pytest.raises(
-        AlgorithmError, match="trades_primal needs a game without shared constraints, which Cournot has"
-    ):
-        lockstep(trades_primal, cournot(capacity=4.0), fleet_of(graph("ring")), 1)
+@pytest.mark.parametrize("algorithm", [trades_primal, pseudo_gradient, pseudo_gradient_partial])
+def test_those_that_know_no_shared_constraints_refuse_them(algorithm: Algorithm) -> None:
+    with pytest.raises(AlgorithmError, match="needs a game without shared constraints, which Cournot has not"):
+        lockstep(algorithm, cournot(capacity=4.0), fleet_of(graph("complete")), 1)

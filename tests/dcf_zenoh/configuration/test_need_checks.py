@@ -38,7 +38,7 @@ def test_an_algorithm_of_another_structure_is_refused_and_others_are_named(squar
     assert problems(squares, algorithm="dual_subgradient") == [
         "algorithm.kind: dual_subgradient solves a problem with shared constraints, and quadratic is a consensus"
         " problem; those that can solve it: admm_tracking_gradient, centralised, consensus_admm, dual_decomposition,"
-        " edge_admm, exact_diffusion, extra, gradient_tracking, subgradient"
+        " edge_admm, exact_diffusion, extra, gradient_tracking, push_pull, subgradient"
     ]
 
 
@@ -54,6 +54,17 @@ def test_a_cost_with_a_kink_needs_a_method_without_gradients(squares: Path) -> N
     assert problems(squares, *changes) == [
         "algorithm.kind: extra needs a cost with a gradient everywhere, which absolute_value has not; those that can"
         " solve it: centralised, consensus_admm, edge_admm, subgradient"
+    ]
+
+
+def test_what_depends_on_numbers_is_found_too() -> None:
+    assert problems(BUILT_IN / "quadratic.toml", "agents.3.problem.upper=0.5") == [
+        "algorithm.kind: gradient_tracking needs a decision without bounds, which quadratic has not; those that can"
+        " solve it: centralised, consensus_admm, dual_decomposition, edge_admm, subgradient"
+    ]
+    assert problems(BUILT_IN / "cournot.toml", algorithm="trades_primal") == [
+        "algorithm.kind: trades_primal needs a game without shared constraints, which cournot has not; those that can"
+        " solve it: centralised, trades, trades_robust"
     ]
 
 

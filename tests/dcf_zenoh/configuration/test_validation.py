@@ -32,7 +32,7 @@ from tests.fleet_files import problems
         ("problem={}", "problem.kind: missing; expected a string (name of a built-in or installed kind, "),
         (
             "topology.weights=fair",
-            "topology.weights: expected 'auto' or 'metropolis' or 'laplacian' or 'uniform' or 'uneven' (mixing weights; ",
+            "topology.weights: expected 'auto' or 'metropolis' or 'laplacian' or 'uniform' or 'uneven' (mixing weights",
         ),
     ],
 )
