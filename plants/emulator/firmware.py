@@ -96,8 +96,9 @@ class Firmware:
         return self.supervisor.bits | active << 8 | finished << 9
 
     def restart(self) -> None:
-        """Switch it off and on: a lock is gone, and so is all that a client has set."""
+        """Switch it off and on: a lock is gone, and so is all that a client has set and not stored."""
         self._switch_on()
+        self.lighthouse.restart()
         self.belief.reset()
         self.event("restarted")
 
