@@ -19,8 +19,8 @@ _once = threading.Lock()  # guards cflib's list of drivers, which grows with eac
 def connect(uri: str, cache: Path, *, timeout: float, retries: int) -> Generator[float, None, Link]:
     """Open a link and download the tables of what can be logged and set; pauses, in s, until that is done.
 
-    An attempt is given up as soon as nothing comes for a while: UDP and TCP do not send again what is lost, and a
-    question of cflib that was lost is not asked twice.
+    An attempt is given up as soon as nothing comes for a while: cflib's first two questions are asked only once, and
+    would be waited for without end.
 
     Args:
         uri: Of the drone.

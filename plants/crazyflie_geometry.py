@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from dcf_zenoh.errors import PlantError
-from plants.crazyflie_link import LOOK, Link
+from plants.crazyflie_link import Link
+from plants.crazyflie_outbox import LOOK
 
 SAME = 1e-4  # m, and entries of a rotation matrix
 READING, WRITING = 15.0, 40.0  # s

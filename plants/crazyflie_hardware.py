@@ -17,7 +17,8 @@ from plants.crazyflie_bounds import HEIGHT, Bounds, check_range
 from plants.crazyflie_connecting import connect
 from plants.crazyflie_geometry import install
 from plants.crazyflie_inspection import inspect
-from plants.crazyflie_link import LOOK, Link
+from plants.crazyflie_link import Link
+from plants.crazyflie_outbox import LOOK
 from plants.crazyflie_pilot import Pilot
 from plants.crazyflie_pose import Pose
 from plants.crazyflie_stream import Point

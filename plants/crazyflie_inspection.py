@@ -9,7 +9,8 @@ import numpy as np
 
 from dcf_zenoh.plant import Check
 from plants.crazyflie_bounds import Bounds
-from plants.crazyflie_link import LOOK, Link
+from plants.crazyflie_link import Link
+from plants.crazyflie_outbox import LOOK
 from plants.crazyflie_pose import Pose
 from plants.crazyflie_stream import Point
 from plants.crazyflie_vitals import ARMED, CAN_BE_ARMED, Health, Motion, Vitals

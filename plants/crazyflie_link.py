@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from dcf_zenoh.errors import PlantError
+from plants.crazyflie_outbox import LOOK, Outbox
 from plants.crazyflie_uri import is_wireless
 
-LOOK = 0.05  # s between two looks at what is awaited
 STALL = 1.0  # s without a packet end an attempt to connect
 CLOSING = 3.0  # s
 RESEND = 0.2  # s without an answer to a question
@@ -28,9 +28,6 @@ LEGACY_ARM, LEGACY_EMERGENCY_STOP = 1, 3
 class Link:
     """One connection: commands out, answers in, and how long ago anything came.
 
-    Commands go to the driver, past cflib's `send_packet`: an error of the driver within that leaves its lock locked for
-    ever, and then everybody waits for ever who sends by it. Where the link is lost, sending does nothing.
-
     Args:
         uri: Of the drone.
         cache: Folder for the tables.
@@ -41,8 +38,7 @@ class Link:
     Attributes:
         commander: Low-level setpoints (cflib's `Commander`).
         high_level: Take-off, going to a point, landing (cflib's `HighLevelCommander`).
-        platform: What cflib's commanders ask for the version of the protocol.
-        crazyflie: cflib's own object, for what needs more than packets. Its `send_packet` may wait for ever.
+        crazyflie: cflib's own object, for what needs more than packets.
     """
 
     def __init__(self, uri: str, cache: Path) -> None:
@@ -59,17 +55,15 @@ class Link:
         self._packet = CRTPPacket
         self._heard = time.monotonic()
         self._connected = False
-        self._failure = ""
         self._answers: dict[tuple[int, int, bytes], tuple[float, bytes]] = {}
         self._accepted = 0.0
         self._opening: threading.Thread | None = None
         self.crazyflie: Any = Crazyflie(rw_cache=str(cache))
         crazyflie = self.crazyflie
-        self.platform: Any = crazyflie.platform
-        self.commander: Any = Commander(self)
-        self.high_level: Any = HighLevelCommander(self)
+        self._outbox = Outbox(crazyflie, insistent=not is_wireless(uri))
+        self.commander: Any = Commander(self._outbox)
+        self.high_level: Any = HighLevelCommander(self._outbox)
         crazyflie.packet_received.add_callback(self._on_packet)
-        crazyflie.link_established.add_callback(self._on_first_packet)
         crazyflie.connected.add_callback(self._on_connected)
         crazyflie.connection_failed.add_callback(self._on_failure)
         crazyflie.connection_lost.add_callback(self._on_failure)
@@ -86,15 +80,15 @@ class Link:
     @property
     def lost(self) -> str:
         """Why nothing can be sent any more; empty as long as it can."""
-        if self._failure:
-            return self._failure
+        if self._outbox.failure:
+            return self._outbox.failure
         silence = self.silence
         return f"nothing came for {silence:.1f} s" if silence > SILENT else ""
 
     @property
     def protocol(self) -> int:
         """Version of the drone's protocol."""
-        return int(self.platform.get_protocol_version())
+        return int(self.crazyflie.platform.get_protocol_version())
 
     def open(self, deadline: float) -> Generator[float, None, str]:
         """Try to connect; why it failed, or nothing.
@@ -104,10 +98,11 @@ class Link:
         """
         self._heard = began = time.monotonic()
         self._opening = threading.Thread(target=self.crazyflie.open_link, args=(self._uri,), daemon=True)
+        self._outbox.start()
         self._opening.start()  # a thread, for TCP connects with a time-out of minutes
         while not self._connected:
-            if self._failure:
-                return self._failure
+            if self._outbox.failure:
+                return self._outbox.failure
             now = time.monotonic()
             if now >= deadline:
                 return f"not connected after {now - began:.1f} s"
@@ -126,7 +121,7 @@ class Link:
 
     def discard(self) -> None:
         """The same, but it may block for ever."""
-        self._failure = self._failure or "closed"
+        self._outbox.close()
         if self._opening is not None:
             self._opening.join()
         updater = self.crazyflie.param.param_updater
@@ -138,22 +133,12 @@ class Link:
             driver.close()
         self.crazyflie.close_link()
 
-    def send_packet(self, packet: Any) -> None:
-        """Send a packet of cflib's. The radio's queue is short: if it is full, that takes up to 2 s."""
-        driver = self.crazyflie.link
-        if driver is None or self._failure:
-            return
-        try:
-            driver.send_packet(packet)
-        except Exception as error:  # of a driver, and of all callbacks of a lost link
-            self._failure = self._failure or f"sending failed: {error}"
-
     def send(self, port: int, channel: int, data: bytes) -> None:
         """Send `data`, at most 30 bytes."""
         packet = self._packet()
         packet.set_header(port, channel)
         packet.data = data
-        self.send_packet(packet)
+        self._outbox.send_packet(packet)
 
     def accepted_since(self, instant: float) -> bool:
         """Whether the firmware's planner has accepted an order since an instant of the monotonic clock, in s."""
@@ -278,18 +263,14 @@ class Link:
         if len(packet.data) > 3 and packet.data[3] == 0:  # what was ordered, and an error number
             self._accepted = time.monotonic()
 
-    def _on_first_packet(self, _uri: str) -> None:
-        if not is_wireless(self._uri) and (driver := self.crazyflie.link) is not None:
-            driver.needs_resending = True  # then cflib asks again for what did not come; otherwise it waits for ever
-
     def _on_connected(self, _uri: str) -> None:
         self._connected = True
 
     def _on_failure(self, _uri: str, message: str) -> None:
-        self._failure = _first_line(message)
+        self._outbox.failure = _first_line(message)
 
     def _on_disconnected(self, _uri: str) -> None:
-        self._failure = self._failure or "disconnected"
+        self._outbox.failure = self._outbox.failure or "disconnected"
 
 
 def patiently(work: Callable[[], object], within: float, what: str) -> Iterator[float]:

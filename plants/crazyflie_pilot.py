@@ -10,7 +10,8 @@ import numpy as np
 
 from dcf_zenoh.errors import PlantError
 from plants.crazyflie_bounds import Bounds, allowed_height
-from plants.crazyflie_link import LOOK, Link
+from plants.crazyflie_link import Link
+from plants.crazyflie_outbox import LOOK
 from plants.crazyflie_pose import Pose
 from plants.crazyflie_stream import Point, Stream
 from plants.crazyflie_vitals import ARMED, FLYING, Motion, Vitals

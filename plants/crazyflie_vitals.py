@@ -8,7 +8,8 @@ from typing import NamedTuple
 
 from dcf_zenoh.errors import PlantError
 from dcf_zenoh.plant import Array, read_only
-from plants.crazyflie_link import LOOK, Link
+from plants.crazyflie_link import Link
+from plants.crazyflie_outbox import LOOK
 
 MOTION_PERIOD, HEALTH_PERIOD = 20, 100  # ms
 WINDOW = 100  # packets over which the share of those that arrive is counted

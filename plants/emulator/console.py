@@ -113,7 +113,7 @@ def _place(drone: Drone, now: float, words: list[str]) -> str:  # noqa: ARG001
 
 
 def _restart(drone: Drone, now: float, words: list[str]) -> str:  # noqa: ARG001
-    drone.firmware.restart()
+    drone.ports.restart()
     return ""
 
 

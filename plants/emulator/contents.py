@@ -114,7 +114,7 @@ def parameters_of(drone: "Firmware") -> list[Parameter]:
 
     def stop(value: float) -> None:
         if value:
-            drone.supervisor.stop()
+            drone.stop()
 
     def arm(value: float) -> None:
         drone.arm(bool(value))

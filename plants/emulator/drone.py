@@ -6,9 +6,8 @@ from plants.emulator.body import SLOT
 from plants.emulator.crtp import LINK, PARAM, packet
 from plants.emulator.endpoint import Endpoint
 from plants.emulator.firmware import Firmware
+from plants.emulator.ports import SOURCE, Ports
 from plants.emulator.radio import Radio
-
-SOURCE = 1  # channel of the link's port on which a client asks who is there first of all
 
 
 class Drone:
@@ -32,6 +31,7 @@ class Drone:
 
     def __init__(self, firmware: Firmware, radio: Radio, endpoint: Endpoint, begin: float) -> None:
         self.firmware, self.radio, self.endpoint = firmware, radio, endpoint
+        self.ports = Ports(firmware)
         self._begin = begin
         self._lost = False
         endpoint.open()
@@ -45,6 +45,9 @@ class Drone:
     def run(self, until: float) -> None:
         """Take in what has come, fly, and send, up to `until`, s."""
         for came, wire in self.endpoint.receive():
+            got = packet(wire)
+            if got is not None and (got.port, got.channel) == (LINK, SOURCE):
+                self.radio.connected = False  # a client begins to connect
             self.radio.send_up(min(until, max(0.0, came - self._begin)), wire)
         while (now := self.firmware.now * 1e-3) <= until:
             self._take_in(now)
@@ -66,11 +69,9 @@ class Drone:
             got = packet(wire)
             if got is None:
                 continue
-            for answer in self.firmware.receive(got):
+            for answer in self.ports.receive(got):
                 self.radio.send_down(arrived, answer.wire)
-            if got.port == LINK and got.channel == SOURCE:  # a client begins to connect
-                self.radio.connected = False
-            elif got.port == PARAM and self.firmware.parameters.is_last(got.channel, got.data):
+            if got.port == PARAM and self.firmware.parameters.is_last(got.channel, got.data):
                 self.radio.connected = True
 
     def _heed_the_link(self, now: float) -> None:

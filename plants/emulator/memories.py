@@ -24,7 +24,6 @@ class Lighthouse:
 
     Attributes:
         received: Bits of the base stations whose light it sees.
-        stored: How often a client has had it kept over a restart.
     """
 
     def __init__(self, origins: Mapping[int, tuple[float, float, float]]) -> None:
@@ -35,8 +34,8 @@ class Lighthouse:
             self._pages[station * PAGE : station * PAGE + len(pose)] = pose
             begin = CALIBRATIONS + station * PAGE
             self._pages[begin : begin + len(calibration)] = calibration
+        self._stored = bytearray(self._pages)
         self.received = sum(1 << station for station in origins)
-        self.stored = 0
 
     @property
     def geometries(self) -> int:
@@ -66,9 +65,16 @@ class Lighthouse:
         return [Packet(MEMORY, channel, data[:5] + bytes((error,)) + read)]
 
     def persist(self, data: bytes) -> list[Packet]:
-        """Keep what is known over a restart, as a packet on the port of localisation asks."""
-        self.stored += 1
+        """Keep what is known of some base stations over a restart, as a packet on the port of localisation asks."""
+        masks = struct.unpack("<HH", data[1:5])
+        for begin, mask in zip((0, CALIBRATIONS), masks, strict=True):
+            for page in (begin + PAGE * station for station in range(STATIONS) if mask >> station & 1):
+                self._stored[page : page + PAGE] = self._pages[page : page + PAGE]
         return [Packet(LOCALISATION, 1, data[:1] + b"\1")]
+
+    def restart(self) -> None:
+        """Know what was kept, and no more."""
+        self._pages = bytearray(self._stored)
 
     def _information(self, data: bytes) -> list[Packet]:
         if data[0] == COUNT:

@@ -36,11 +36,12 @@ def serve(
         if talk is not None:
             readers.append(talk)
         pause = min(drone.next for drone in drones.values()) - (time.monotonic() - begin)
-        ready, _, _ = select.select(readers, [], [], min(LONGEST, max(0.0, pause)))
+        heard = set(select.select(readers, [], [], min(LONGEST, max(0.0, pause)))[0])
         now = time.monotonic() - begin
         for drone in drones.values():
-            drone.run(now)
-        if talk is not None and talk in ready:
+            if drone.next <= now or not heard.isdisjoint(drone.endpoint.sockets()):
+                drone.run(now)
+        if talk is not None and talk in heard:
             text = _read(talk)
             if not text:
                 talk = None

@@ -12,6 +12,7 @@ from plants.emulator import crtp
 from plants.emulator.battery import Battery
 from plants.emulator.crtp import Packet, packet
 from plants.emulator.firmware import Firmware
+from plants.emulator.ports import Ports
 from plants.emulator.setpoints import heading
 from plants.emulator.truth import Truth, read_truth
 from plants.sensing import LIGHTHOUSE
@@ -36,6 +37,7 @@ class Flown:
             rng=np.random.default_rng(seed),
             truth=self.truth,
         )
+        self.ports = Ports(self.firmware)
         self.run(2.0)
 
     def run(self, seconds: float) -> None:
@@ -43,7 +45,7 @@ class Flown:
             self.firmware.step()
 
     def tell(self, port: int, channel: int, layout: str, *values: float) -> list[Packet]:
-        return self.firmware.receive(Packet(port, channel, struct.pack("<" + layout, *values)))
+        return self.ports.receive(Packet(port, channel, struct.pack("<" + layout, *values)))
 
     def arm(self) -> None:
         (answer,) = self.tell(crtp.SUPERVISOR, 1, "BB", 1, 1)
@@ -117,12 +119,39 @@ def test_packet_of_the_wrong_length_is_not_answered_and_moves_nothing(tmp_path: 
             (6, 1),
             (13, 1),
         ):
-            assert flown.firmware.receive(Packet(port, channel, b"")) == []
-        assert flown.firmware.receive(Packet(7, 0, b"\x0a\x00\x00")) == []
-        assert flown.firmware.receive(Packet(8, 0, b"\x07\x00\x00")) == []
-        assert flown.firmware.receive(Packet(14, 3, b"\x00")) == []
+            assert flown.ports.receive(Packet(port, channel, b"")) == []
+        assert flown.ports.receive(Packet(7, 0, b"\x0a\x00\x00")) == []
+        assert flown.ports.receive(Packet(8, 0, b"\x07\x00\x00")) == []
+        assert flown.ports.receive(Packet(14, 3, b"\x00")) == []
         flown.run(1.0)
     assert flown.firmware.body.position[2] == 0.0
+
+
+def test_setpoint_that_is_no_number_stops_the_motors(tmp_path: Path) -> None:
+    flown = Flown(tmp_path / "truth.jsonl")
+    with flown.truth:
+        flown.arm()
+        flown.tell(crtp.HIGH_LEVEL, 0, "BBff?f", 7, 0, 1.0, 0.0, True, 1.0)
+        flown.run(2.0)
+        flown.tell(crtp.GENERIC, 0, "Bffff", 10, float("nan"), 0.0, 0.0, 1.0)
+        flown.run(0.1)
+    assert not flown.firmware.body.running
+    assert np.isfinite(flown.firmware.body.state).all()
+
+
+def test_orders_are_recorded_with_their_numbers_and_whether_they_were_accepted(tmp_path: Path) -> None:
+    flown = Flown(tmp_path / "truth.jsonl")
+    with flown.truth:
+        flown.tell(crtp.HIGH_LEVEL, 0, "BBff?f", 7, 0, 0.5, 0.25, True, 2.0)
+        flown.arm()
+        flown.tell(crtp.HIGH_LEVEL, 0, "BBff?f", 7, 0, 0.5, 0.25, True, 2.0)
+        flown.tell(crtp.HIGH_LEVEL, 0, "BB??fffff", 12, 0, True, False, 1.0, 2.0, 3.0, 0.5, 4.0)
+    orders = [r.fields for r in read_truth(flown.path) if r.kind == "command" and r["command"] != "arm"]
+    assert orders == [
+        {"command": "take_off", "values": [0.5, 0.25, 2.0], "accepted": False},
+        {"command": "take_off", "values": [0.5, 0.25, 2.0], "accepted": True},
+        {"command": "go_to", "values": [1.0, 2.0, 3.0, 0.5, 4.0], "accepted": True},
+    ]
 
 
 def test_bytes_that_are_no_packet_are_told() -> None:

@@ -122,6 +122,16 @@ def test_base_stations_are_written_stored_and_read_back(cf: Client, drone: Emula
     assert read[1].origin == geometry.origin
     assert read[1].rotation_matrix == geometry.rotation_matrix
 
+    forgotten = LighthouseBsGeometry()
+    forgotten.valid = True
+    done.clear()
+    LighthouseMemHelper(cf.cf).write_geos({5: forgotten}, done.append)
+    until(lambda: cf.logged["lighthouse.bsGeoVal"] == 0b100010, "it is written, but not stored")
+    drone.say("restart")
+    cf.renew()
+    cf.log("lighthouse.bsGeoVal", "lighthouse.status")
+    assert cf.logged["lighthouse.bsGeoVal"] == 0b10
+
     drone.say("base-stations 1")
     until(lambda: cf.logged["lighthouse.status"] == 1, "what it sees is of no use without geometry")
 

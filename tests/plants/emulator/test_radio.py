@@ -137,13 +137,16 @@ def test_drone_is_within_reach_again_when_the_link_is_restored(cf: Client, drone
         again.log("pm.vbat")
 
 
-def test_loss_takes_log_packets_once_connected(cf: Client, drone: Emulated) -> None:
+def test_loss_takes_log_packets_once_connected(cf: Client, drone: Emulated, cache: Path) -> None:
     cf.log("pm.vbat", period=10)
     drone.say("loss 0.5")
     count, began = cf.received, drone.state["time"]
     cf.stream(2.0, lambda: None)
     share = (cf.received - count) / ((drone.state["time"] - began) * 100)
     assert share == pytest.approx(0.5, abs=0.15)
+    cf.stop_pinging()
+    with client(drone.uri, cache) as again:  # nothing is lost before it has connected
+        again.stream(0.1, lambda: None)
 
 
 def test_drone_whose_process_was_held_up_catches_up_and_heeds_what_came_meanwhile(cf: Client, drone: Emulated) -> None:
