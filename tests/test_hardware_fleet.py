@@ -18,7 +18,7 @@ pytestmark = [
     pytest.mark.timeout(300),
 ]
 LONG = 150.0  # s; a flight takes 15 s on a quiet machine
-AT_ONCE = 2  # fleets
+AT_ONCE = 3  # fleets
 
 
 class Flight(NamedTuple):

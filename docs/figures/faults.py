@@ -4,16 +4,10 @@ python docs/figures/faults.py [NAME ...]        # default: all; into docs/images
 """
 
 import re
-import sys
 from collections.abc import Callable, Sequence
-from io import BytesIO
 from itertools import pairwise
 from pathlib import Path
 from tempfile import TemporaryDirectory
-
-import matplotlib as mpl
-
-mpl.use("Agg")
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -21,9 +15,9 @@ from matplotlib.axes import Axes
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from PIL import Image
+from pictures import DOCS, draw
 
-from agentd.figures.style import BLUE, GREEN, GREY, INK, ORANGE, RED, STYLE
+from agentd.figures.style import BLUE, GREEN, GREY, INK, ORANGE, RED
 from dcf_zenoh import simulate
 from dcf_zenoh.faults.bandwidth import Bandwidth
 from dcf_zenoh.faults.bursts import Bursts
@@ -40,7 +34,6 @@ from dcf_zenoh.plant import Array
 from dcf_zenoh.reception import Passed
 from dcf_zenoh.run import Run
 
-DOCS = Path(__file__).resolve().parents[1]
 MS = 1_000_000  # ns
 SEED = 32
 
@@ -266,18 +259,5 @@ PICTURES: dict[str, Callable[[], Figure]] = {
 }
 
 
-def main() -> None:
-    """Draw what is named on the command line, or all."""
-    with plt.rc_context(STYLE):
-        for name in sys.argv[1:] or PICTURES:
-            figure = PICTURES[name]()
-            path = DOCS / "images" / f"faults_{name}.png"
-            drawn = BytesIO()
-            figure.savefig(drawn, dpi=110, bbox_inches="tight")
-            Image.open(drawn).convert("RGB").quantize(256).save(path, optimize=True)
-            plt.close(figure)
-            print(f"{path.relative_to(DOCS.parent)}: {path.stat().st_size / 1000:.0f} kB")
-
-
 if __name__ == "__main__":
-    main()
+    draw("faults", PICTURES)
