@@ -136,10 +136,10 @@ class Emulated:
     def landed_softly(self) -> bool:
         """It came down as it should, with its motors running, and never lost control."""
         touched = [record for record in self.truth if record.kind == "event" and record["event"] == "touched down"]
-        lost = {"levelling out", "free fall", "locked", "crashed", "emergency stop"} & set(self.events)
+        lost = {"free fall", "locked", "crashed", "emergency stop"} & set(self.events)
         return bool(touched) and all(record["soft"] for record in touched) and not lost
 
-    def _line(self, within: float = 60.0) -> str:
+    def _line(self, within: float = 100.0) -> str:
         stream = cast(IO[str], self._process.stdout)
         ready, _, _ = select.select([stream], [], [], within)
         assert ready, f"the emulator says nothing within {within:g} s"

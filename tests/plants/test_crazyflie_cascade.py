@@ -6,7 +6,20 @@ import numpy as np
 import pytest
 
 from dcf_zenoh.plant import Array
-from plants.crazyflie_cascade import GAINS, HOVER, POSITION, STOPPED, VELOCITY, VZ, YAW, Cascade, update
+from plants.crazyflie_cascade import (
+    GAINS,
+    HOVER,
+    POSITION,
+    STOPPED,
+    TILT_CLIMB,
+    TILT_HEIGHT,
+    TILT_THRUST,
+    VELOCITY,
+    VZ,
+    YAW,
+    Cascade,
+    update,
+)
 from plants.crazyflie_dynamics import STATES
 from plants.crazyflie_flight import fly
 from plants.crazyflie_vehicle import RPM, Vehicle, read
@@ -134,3 +147,23 @@ def test_output_of_the_vertical_loop_is_limited() -> None:
     tick_once(cascade, VELOCITY, [0, 0, 10.0, 0])
     assert cascade.thrust[0] == pytest.approx(65535, abs=40)
     assert GAINS.shape == (12, 5)
+
+
+@pytest.mark.parametrize("mode", [TILT_HEIGHT, TILT_CLIMB])
+def test_tilt_accelerates_by_gravity_times_its_tangent(mode: int) -> None:
+    flight = hovering()
+    tilt, third = np.radians(5.0), 1.0 if mode == TILT_HEIGHT else 0.0
+    flight.until(3000, mode, 0.0, 0.0, third, 0.0)  # it settles from the change of mode
+    flight.until(3500, mode, 0.0, tilt, third, 0.0)
+    before = flight.state.copy()
+    after = flight.until(3600, mode, 0.0, tilt, third, 0.0)
+    drag = flight.vehicle.drag[0] / flight.vehicle.mass * before[7]
+    assert (after[7] - before[7]) / 0.1 == pytest.approx(9.81 * np.tan(tilt) - drag, rel=0.1)
+    assert abs(after[8]) < 0.01
+    assert abs(after[9]) < 0.05
+
+
+def test_thrust_goes_straight_to_the_motors() -> None:
+    cascade = Cascade.fresh()
+    tick_once(cascade, TILT_THRUST, [0.0, 0.0, 30000.0, 0.0])
+    np.testing.assert_array_equal(cascade.motors, 30000.0)

@@ -220,7 +220,8 @@ def test_setpoints_go_on_while_the_control_loop_hangs_and_then_it_lands(drone: E
             plant.act(Setpoint.hold(State(np.zeros(3), np.zeros(3))), 0)
     assert 1.5 < ordered - begin < 3.5
     times = np.array([record.time for record in drone.commands("hover") if begin < record.time < ordered])
-    assert np.diff(times).max() < 0.4  # the firmware levels out after 0.5 s
+    assert np.diff(times).max() < 0.4
+    assert "levelling out" not in drone.events  # which the firmware does after 0.5 s
     path = drone.path
     still = path[(path[:, 0] > begin + 1.5) & (path[:, 0] < ordered)]
     assert np.ptp(still[:, 1]) < 0.1  # it held
@@ -267,7 +268,7 @@ def test_a_dead_link_is_told_in_time_and_so_is_what_the_firmware_does(drone: Emu
         drone.say("kill-link")
         began = time.monotonic()
         text = trouble(plant, within=3.0)
-        assert time.monotonic() - began < 1.0
+        assert time.monotonic() - began < 1.5
         assert text.startswith("agent 2: is landing: its state is ")
         began = time.monotonic()
         with pytest.raises(PlantError, match=r"agent 2: .*nothing can be sent; without setpoints the firmware levels"):
@@ -304,7 +305,7 @@ def test_emergency_stop_cuts_the_motors_at_once_while_others_wait_for_the_link(
         began = drone.state["time"]
         stopper.start()
         until(lambda: drone.commands("emergency_stop"), "the motors stop", within=2.0)
-        assert drone.commands("emergency_stop")[0].time - began < 0.2
+        assert drone.commands("emergency_stop")[0].time - began < 0.4
         stopper.join(1.0)
         assert not stopper.is_alive()
         free.set()
