@@ -11,7 +11,7 @@ SAME_COORDINATE = 1e-9  # m; closer than this, coordinates are equal
 
 
 def barrier(apart: Array, radii: Sequence[float]) -> float:
-    """h = |dx| / r1 + |dy| / r2 - 1 of two points that are `apart` (shape (2,), m); negative inside the diamond.
+    """The barrier value h = |dx| / r1 + |dy| / r2 - 1 of two points `apart`, shape (2,), m; negative in the diamond.
 
     Source: Memon et al., eq. (6).
     """
@@ -47,5 +47,5 @@ class Obstacle(NamedTuple):
         return cls(read_only((x, y)), (r1, r2))
 
     def barrier(self, position: Array) -> float:
-        """h of an agent at `position`, shape (d,), m."""
+        """The barrier value of an agent at `position`, shape (d,), m."""
         return barrier(position[:2] - self.at, self.radii)

@@ -137,18 +137,18 @@ class PositionSwap:
         found = {i: f"expected [x, y], in m, not {start.tolist()}" for i, start in starts.items() if len(start) < 2}
         if found:
             return found
-        r1, r2 = self.radii
+        (r1, r2), least = self.radii, self.barrier_margin
         for i, j in combinations(sorted(starts), 2):
             apart = abs(starts[i][:2] - starts[j][:2])
-            if (h := barrier(apart, self.radii)) < -SAME_COORDINATE:
+            if (h := barrier(apart, self.radii)) < least - SAME_COORDINATE:
                 found[j] = (
-                    f"agent {j} would start in the safety region of agent {i}: h = {h:.3g}, expected at least 0"
+                    f"agent {j} would start in the safety region of agent {i}: h = {h:.3g}, expected at least {least:g}"
                     f" (they are {apart[0]:.3g} m apart in x and {apart[1]:.3g} m in y; radii {r1:g} m and {r2:g} m)"
                 )
         for i, start in starts.items():
             for number, obstacle in enumerate(self.obstacles, 1):
-                if (h := obstacle.barrier(start)) < -SAME_COORDINATE:
-                    found[i] = f"agent {i} would start in obstacle {number}: h = {h:.3g}, expected at least 0"
+                if (h := obstacle.barrier(start)) < least - SAME_COORDINATE:
+                    found[i] = f"agent {i} would start in obstacle {number}: h = {h:.3g}, expected at least {least:g}"
         return found
 
     def toward(self, target: Array) -> "PositionSwap":
