@@ -8,6 +8,7 @@ from dcf_zenoh.configuration.defaults import with_defaults
 from dcf_zenoh.configuration.draft import read
 from dcf_zenoh.configuration.drawing import draw, weights_of
 from dcf_zenoh.configuration.freezing import freeze
+from dcf_zenoh.configuration.laying_out import lay_out
 from dcf_zenoh.configuration.loaded_fleet import LoadedFleet
 from dcf_zenoh.configuration.validation import validate
 from dcf_zenoh.configuration.writing import to_toml
@@ -59,7 +60,7 @@ def load(
     for change in changes:
         draft.change(change)
     draft.complete()
-    spec = validate(draft.table, draft.problems)
+    spec = validate(draft.table, draft.problems) if lay_out(draft) else None
     if spec is not None:
         check(spec, draft.folder, draft.problems, draft.notes, run_plugins=run_plugins)
     if spec is None or draft.problems:

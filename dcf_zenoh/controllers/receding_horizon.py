@@ -7,6 +7,7 @@ import numpy as np
 
 from dcf_zenoh.algorithms.algorithm import Algorithm, Dialogue, Me, solve
 from dcf_zenoh.controllers.controller import Controller, Decision
+from dcf_zenoh.controllers.detour import Detour
 from dcf_zenoh.controllers.others import Others, Signed, Signs
 from dcf_zenoh.controllers.sharing import share_states
 from dcf_zenoh.plant import Array, Setpoint, State
@@ -55,6 +56,16 @@ class ModelledProblem(Protocol):
         """Position and velocity after `delay` (s) with the setpoint that is being flown, if any; shape (2 d,)."""
 
 
+@runtime_checkable
+class AimedProblem(Protocol):
+    """A problem with a target in the plane, which can be turned to another."""
+
+    target: Array
+
+    def toward(self, target: Array) -> RecedingHorizonProblem | SignedProblem:
+        """The same problem with another target, shape (2,), in m."""
+
+
 class RecedingHorizon(Controller):
     """Receding-horizon control of one agent among others.
 
@@ -71,9 +82,11 @@ class RecedingHorizon(Controller):
             state predicted for then, under the setpoint that is being flown.
         lost_after: With "ride", an agent whose newest state is older than this, in s, is kept clear of where it
             was last and takes no part.
+        detour: An agent that is stuck turns its target aside for a while; see `Detour`. Its note ``detours`` counts
+            how often.
 
     Raises:
-        ValueError: A time is negative.
+        ValueError: A time is negative, or there is no target to be turned.
     """
 
     def __init__(
@@ -86,11 +99,15 @@ class RecedingHorizon(Controller):
         sharing: Literal["flood", "ride"] = "flood",
         predict_delay: float = 0.0,
         lost_after: float = 0.6,
+        detour: bool = False,
     ) -> None:
         for name, value in (("predict_delay", predict_delay), ("lost_after", lost_after)):
             if not value >= 0:
                 raise ValueError(f"{name} must be a time >= 0, in s, not {value}")
+        if detour and not isinstance(problem, AimedProblem):
+            raise ValueError(f"detour needs a problem with a target, which {type(problem).__name__} has not")
         self._problem = problem
+        self._detour = Detour(problem.target) if detour and isinstance(problem, AimedProblem) else None
         self._algorithm = algorithm
         self._me = me
         self._predict_delay = self.acts_after = predict_delay
@@ -105,11 +122,19 @@ class RecedingHorizon(Controller):
         """Share states, then solve."""
         own = self._ahead(state)
         self._flown = None
+        problem, begun = self._problem, 0
+        if self._detour is not None and isinstance(problem, AimedProblem):
+            begun = self._detour.begun
+            problem = problem.toward(self._detour.aim(own))
         if self._local:
-            return (yield from self._solve({self._me.id: own}))
-        if self._others is None:
-            return (yield from self._flood(own))
-        return (yield from self._ride(self._others, own, step))
+            decision = yield from self._solve(problem, {self._me.id: own})
+        elif self._others is None:
+            decision = yield from self._flood(problem, own)
+        else:
+            decision = yield from self._ride(problem, self._others, own, step)
+        if self._detour is None:
+            return decision
+        return decision._replace(notes={**decision.notes, "detours": self._detour.begun - begun})
 
     def next_of_plan(self) -> Setpoint | None:
         """One stage further in the last plan."""
@@ -117,25 +142,29 @@ class RecedingHorizon(Controller):
         self._flown = None if self._posed is None else self._posed.setpoint(self._decision, self._stage)
         return self._flown
 
-    def _flood(self, own: Array) -> Dialogue[Decision]:
+    def _flood(self, problem: RecedingHorizonProblem | SignedProblem, own: Array) -> Dialogue[Decision]:
         states, in_time = yield from share_states(self._me, own)
         if not in_time or len(states) < self._me.count:
             return Decision(None, np.empty(0), {"unknown_agents": self._me.count - len(states)})
-        return (yield from self._solve(states))
+        return (yield from self._solve(problem, states))
 
-    def _solve(self, states: Mapping[int, Array]) -> Dialogue[Decision]:
-        posed = cast(RecedingHorizonProblem, self._problem).at(states)
+    def _solve(
+        self, problem: RecedingHorizonProblem | SignedProblem, states: Mapping[int, Array]
+    ) -> Dialogue[Decision]:
+        posed = cast(RecedingHorizonProblem, problem).at(states)
         result = yield from solve(self._algorithm, posed, self._me)
         return self._plan(posed, result.decision, {})
 
-    def _ride(self, others: Others, own: Array, step: int) -> Dialogue[Decision]:
+    def _ride(
+        self, problem: RecedingHorizonProblem | SignedProblem, others: Others, own: Array, step: int
+    ) -> Dialogue[Decision]:
         sight = yield from others.meet(own, step)
         if sight is None:
             return Decision(None, np.empty(0), {"unknown_agents": len(others.unknown)})
-        if isinstance(self._problem, Signed):
-            posed = self._problem.at(sight.states, signs=sight.signs, lost=sight.lost)
+        if isinstance(problem, Signed):
+            posed = problem.at(sight.states, signs=sight.signs, lost=sight.lost)
         else:
-            posed = self._problem.at(sight.states)
+            posed = problem.at(sight.states)
         result = yield from others.carrier.carry(solve(self._algorithm, posed, self._me))
         notes = {
             "predicted": sight.predicted,

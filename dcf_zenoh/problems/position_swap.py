@@ -1,5 +1,6 @@
 """Agents change places in the plane, each predicting its own motion, none closer to another than a diamond."""
 
+import copy
 from collections.abc import Collection, Mapping
 from itertools import combinations
 from types import MappingProxyType
@@ -8,11 +9,12 @@ from typing import Any
 import numpy as np
 
 from dcf_zenoh.plant import Array, Setpoint, State, read_only
+from dcf_zenoh.problems.diamond import SAME_COORDINATE, Obstacle, barrier, side
 from dcf_zenoh.problems.prediction import Prediction, state_ahead
 from dcf_zenoh.problems.problem import CoupledGame
 from dcf_zenoh.problems.share import Share
+from dcf_zenoh.spec import NonNegativeFloat
 
-SAME_COORDINATE = 1e-9  # m; closer than this, positions are equal and the lower id counts as the greater
 _NO_SIGNS: Mapping[tuple[int, int], Array] = MappingProxyType({})
 
 
@@ -21,7 +23,8 @@ class PositionSwap:
 
     Each agent predicts its own motion over `horizon` steps of its input u (planar accelerations, in order of time,
     shape (2 H,)), with a model of its own. It pays for the distance to its target and for effort, and for the distance
-    of the fleet's mean end position from `gather_at`. Every pair of agents shares `horizon` barrier constraints.
+    of the fleet's mean end position from `gather_at`. Every pair of agents shares `horizon` barrier constraints, and
+    every agent has as many with each obstacle: rows like the others, in which it alone takes part.
 
     Agents may differ in weights, bounds and model; the constraints of a pair are sums of what each of the two can tell
     of itself. They are scaled by numbers that must come out alike at every agent: so these follow from the nominal
@@ -37,6 +40,9 @@ class PositionSwap:
         accel_max: Bound on each component of the acceleration, in m/s².
         radii: Half axes r1, r2 of the diamond-shaped safety region, in m.
         barrier_decay: gamma of the discrete barrier condition, in (0, 1].
+        barrier_margin: The barrier value h that is kept at least, instead of 0. The rows hold as exactly as they are
+            solved: a fleet that stands still against them settles about (threshold / gamma) / 10 below.
+        obstacles: What stands in the way, each ``[x, y, r1, r2]``: centre and half axes of a diamond, in m.
         state_weight: Q: a number, or the diagonal for [px, py, vx, vy].
         input_weight: R: a number, or the diagonal for [ax, ay].
         terminal_weight: beta, the weight of the terminal cost.
@@ -51,7 +57,7 @@ class PositionSwap:
     Source: Memon et al., Section IV; barrier constraints after do Nascimento, Papachristodoulou, Margellos, CDC 2023.
     """
 
-    SHARED = ("horizon", "radii", "barrier_decay")  # both agents of a pair must mean the same constraint
+    SHARED = ("horizon", "radii", "barrier_decay", "barrier_margin", "obstacles")  # all must mean the same constraints
 
     def __init__(
         self,
@@ -65,6 +71,8 @@ class PositionSwap:
         accel_max: float = 2.0,
         radii: tuple[float, float] = (0.5, 0.25),
         barrier_decay: float = 0.1,
+        barrier_margin: NonNegativeFloat = 0.0,
+        obstacles: tuple[tuple[float, float, float, float], ...] = (),
         state_weight: float | tuple[float, ...] = 5.0,
         input_weight: float | tuple[float, ...] = 2.0,
         terminal_weight: float = 1.5,
@@ -85,11 +93,13 @@ class PositionSwap:
         self.accel_max = accel_max
         self.radii = radii
         self.barrier_decay = barrier_decay
+        self.barrier_margin = barrier_margin
+        self.obstacles = tuple(map(Obstacle.of, obstacles))
         self.sample_time = sample_time
         self.target = read_only(target[:2])
         self.gather_at = read_only(gather_at)
         self.pairs = tuple(combinations(agents, 2))
-        self.rows = len(self.pairs) * horizon
+        self.rows = (len(self.pairs) + len(agents) * len(self.obstacles)) * horizon
 
         model: dict[str, Any] = {
             "state_weight": state_weight,
@@ -106,34 +116,46 @@ class PositionSwap:
 
         self.barrier_input, self.barrier_state = _barrier_maps(own, barrier_decay)
         agreed = own if nominal is None else Prediction.of(sample_time, horizon, **{key: nominal[key] for key in model})
-        self.row_scale = self._row_scale(agreed)
-        for array in (self.gather_map, self.row_scale, *self.barrier_input, *self.barrier_state):
+        self.row_scale = self._row_scale(agreed, radii, 2)
+        self.obstacle_scales = [self._row_scale(agreed, each.radii, 1) for each in self.obstacles]
+        for array in (self.gather_map, self.row_scale, *self.obstacle_scales, *self.barrier_input, *self.barrier_state):
             array.setflags(write=False)
 
-    def _row_scale(self, agreed: Prediction) -> Array:
-        """1 / sqrt(2 r (2M)^-1 r') for each row: the dual of a scaled row has unit curvature. Sign-independent.
+    def _row_scale(self, agreed: Prediction, radii: tuple[float, float], movers: int) -> Array:
+        """1 / sqrt(movers r (2M)^-1 r') for each row r: the dual of a scaled row has unit curvature. Sign-independent.
 
-        Curvature is what an agent of the `agreed` prediction adds; one that pays more for its input adds less.
+        Curvature is what each of the agents that take part adds, if it is of the `agreed` prediction; one that pays
+        more for its input adds less.
         """
-        weights = np.array([1 / self.radii[0], 1 / self.radii[1]])
+        weights = np.array([1 / radii[0], 1 / radii[1]])
         inverse = np.linalg.inv(2 * agreed.quadratic)
         rows = [weights @ matrix for matrix in _barrier_maps(agreed, self.barrier_decay)[0]]
-        return np.array([1 / np.sqrt(2 * row @ inverse @ row) for row in rows])
+        return np.array([1 / np.sqrt(movers * row @ inverse @ row) for row in rows])
 
     def check_starts(self, starts: Mapping[int, Array]) -> dict[int, str]:
-        """Agent -> what is wrong with its start: it is too close to that of an agent with a lower id."""
+        """Agent -> what is wrong with its start: it is in an obstacle, or too close to an agent with a lower id."""
         found = {i: f"expected [x, y], in m, not {start.tolist()}" for i, start in starts.items() if len(start) < 2}
         if found:
             return found
-        r1, r2 = self.radii
+        (r1, r2), least = self.radii, self.barrier_margin
         for i, j in combinations(sorted(starts), 2):
-            dx, dy = abs(starts[i][:2] - starts[j][:2])
-            if (barrier := dx / r1 + dy / r2 - 1) < -SAME_COORDINATE:  # eq. (6)
+            apart = abs(starts[i][:2] - starts[j][:2])
+            if (h := barrier(apart, self.radii)) < least - SAME_COORDINATE:
                 found[j] = (
-                    f"agent {j} would start in the safety region of agent {i}: h = {barrier:.3g}, expected at least 0"
-                    f" (they are {dx:.3g} m apart in x and {dy:.3g} m in y; radii {r1:g} m and {r2:g} m)"
+                    f"agent {j} would start in the safety region of agent {i}: h = {h:.3g}, expected at least {least:g}"
+                    f" (they are {apart[0]:.3g} m apart in x and {apart[1]:.3g} m in y; radii {r1:g} m and {r2:g} m)"
                 )
+        for i, start in starts.items():
+            for number, obstacle in enumerate(self.obstacles, 1):
+                if (h := obstacle.barrier(start)) < least - SAME_COORDINATE:
+                    found[i] = f"agent {i} would start in obstacle {number}: h = {h:.3g}, expected at least {least:g}"
         return found
+
+    def toward(self, target: Array) -> "PositionSwap":
+        """The same problem with another target, shape (2,), in m."""
+        other = copy.copy(self)
+        other.target = read_only(target)
+        return other
 
     def distance_to_go(self, state: State) -> float:
         """Distance to the target in the plane, in m."""
@@ -154,7 +176,7 @@ class PositionSwap:
             the pairs that this agent is in, and of which both states are given.
         """
         own = [pair for pair in self.pairs if self.agent in pair and pair[0] in states and pair[1] in states]
-        return {(i, j): np.where(states[i][:2] - states[j][:2] > -SAME_COORDINATE, 1.0, -1.0) for i, j in own}
+        return {(i, j): side(states[i][:2] - states[j][:2]) for i, j in own}
 
     def at(
         self,
@@ -183,7 +205,7 @@ class SwapGame(CoupledGame):
 
     Local cost f(u) = u'Mu + 2g'u, contribution phi(u) = Phi u + phi0 to the mean end position sigma, box
     |u| <= accel_max, and its share A u - b of the coupling constraints sum_i (A_i u_i - b_i) <= 0, whose rows are
-    ordered by pair of ids, then by stage.
+    ordered by pair of ids, then by stage; after them those of agent and obstacle, ordered in the same way.
 
     Attributes:
         A: Shape (rows, 2 H).
@@ -215,23 +237,31 @@ class SwapGame(CoupledGame):
         With w = (s_x / r1, s_y / r2) and delta the position difference of a pair, the barrier
         h = |delta_x| / r1 + |delta_y| / r2 - 1 is at least w . delta - 1, and the rows keep
         w . (delta[l+1] - (1 - gamma) delta[l]) - gamma >= 0, half of gamma charged to each of the two. A share alone
-        means nothing, as it depends on where the origin is; so the share of a lost agent, which stands still
-        (u_j = 0), is charged to the living one too.
+        means nothing, as it depends on where the origin is; so the share of what stands still (u_j = 0), a lost agent
+        or an obstacle, is charged to the agent too.
         """
-        problem = self._problem
+        problem, radii = self._problem, np.array(self._problem.radii)
         A, b = np.zeros((self.rows, 2 * problem.horizon)), np.zeros(self.rows)
-        for pair, (i, j) in enumerate(problem.pairs):
-            if problem.agent not in (i, j):
-                continue
-            other = j if problem.agent == i else i
-            w = (1.0 if problem.agent == i else -1.0) * signs[i, j] / np.array(problem.radii)
+        floor = problem.barrier_decay * (1 + problem.barrier_margin)  # gamma (1 + margin): h stays above the margin
+
+        def fill(place: int, w: Array, scale: Array, beside: Array | None) -> None:
+            """The rows at `place`: half of one another's, or all of what stands still at `beside`."""
             for stage in range(problem.horizon):
-                row, scale = pair * problem.horizon + stage, problem.row_scale[stage]
-                A[row] = -scale * (w @ problem.barrier_input[stage])
-                b[row] = scale * (w @ problem.barrier_state[stage] @ self._state - problem.barrier_decay / 2)
-                if other in lost:
-                    resting = np.array([*states[other][:2], 0.0, 0.0])
-                    b[row] -= scale * (w @ problem.barrier_state[stage] @ resting + problem.barrier_decay / 2)
+                row = place * problem.horizon + stage
+                A[row] = -scale[stage] * (w @ problem.barrier_input[stage])
+                kept = w @ problem.barrier_state[stage] @ self._state - floor / 2
+                if beside is not None:
+                    kept -= w @ problem.barrier_state[stage] @ np.array([*beside, 0.0, 0.0]) + floor / 2
+                b[row] = scale[stage] * kept
+
+        for place, (i, j) in enumerate(problem.pairs):
+            if problem.agent in (i, j):
+                other, sign = (j, 1.0) if problem.agent == i else (i, -1.0)
+                fill(place, sign * signs[i, j] / radii, problem.row_scale, states[other][:2] if other in lost else None)
+        place = len(problem.pairs) + problem.agents.index(problem.agent) * len(problem.obstacles)
+        for obstacle, scale in zip(problem.obstacles, problem.obstacle_scales, strict=True):
+            fill(place, side(self._state[:2] - obstacle.at) / obstacle.radii, scale, obstacle.at)
+            place += 1
         return A, b
 
     def start(self, last: Array | None) -> Array:
