@@ -28,8 +28,8 @@ class Detour:
         begun: How many detours there have been.
 
     Source: measured on prototypes of this game. The same idea, a turn to an agreed side in a deadlock, is the
-    right-hand heuristic of Zhou, Wang, Bandyopadhyay, Schwager, "Fast, on-line collision avoidance for dynamic vehicles using
-    buffered Voronoi cells", IEEE RA-L 2017.
+    right-hand heuristic of Zhou, Wang, Bandyopadhyay, Schwager, "Fast, on-line collision avoidance for dynamic
+    vehicles using buffered Voronoi cells", IEEE RA-L 2017.
     """
 
     def __init__(self, target: Array) -> None:

@@ -14,6 +14,7 @@ import pytest
 from agentd.cli import main
 from dcf_zenoh import Run
 from dcf_zenoh.config import load
+from dcf_zenoh.plugins import known
 from tests.command_line import Answer
 from tests.daemons import TRIO
 
@@ -75,12 +76,12 @@ BAD_FLEETS = {
     "unknown algorithm": (
         ["--algorithm", "tradse"],
         "algorithm: there is no [algorithms.tradse] and no kind 'tradse'; did you mean 'trades'? tables: none;"
-        " known algorithms: average_consensus, trades, trades_robust",
+        f" known algorithms: {', '.join(sorted(known('algorithms')))}",
     ),
     "unknown plug-in": (
         ["--set", "plants.point.kind=point_mas"],
         "plants.point.kind: unknown kind 'point_mas'; did you mean 'point_mass'?"
-        " known plants: crazyflie, crazyflie_hardware, point_mass, single_integrator, unicycle;"
+        f" known plants: {', '.join(sorted(known('plants')))};"
         " or 'package.module:Name', './file.py:Name'",
     ),
     "value that a built-in plant refuses": (
@@ -94,8 +95,8 @@ BAD_FLEETS = {
     ),
     "unknown topology": (
         ["--topology", "rng"],
-        "topology.kind: unknown kind 'rng'; did you mean 'ring'? known topologies: complete, edges, grid, path, ring,"
-        " star; or 'package.module:Name', './file.py:Name'",
+        "topology.kind: unknown kind 'rng'; did you mean 'ring'?"
+        f" known topologies: {', '.join(sorted(known('topologies')))}; or 'package.module:Name', './file.py:Name'",
     ),
     "no such plug-in file": (
         ["--set", "algorithm.kind=./mine.py:mine"],
