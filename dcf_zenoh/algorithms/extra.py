@@ -1,5 +1,7 @@
 """EXTRA, the exact first-order algorithm."""
 
+import numpy as np
+
 from dcf_zenoh.algorithms.algorithm import Dialogue, Me, Result
 from dcf_zenoh.algorithms.needs import needs
 from dcf_zenoh.problems.problem import ConsensusProblem
@@ -22,16 +24,15 @@ def extra(problem: ConsensusProblem, me: Me, *, step: PositiveFloat = 0.2) -> Di
     Source: Shi, Ling, Wu, Yin, "EXTRA: an exact first-order algorithm for decentralized consensus optimization", SIAM
     Journal on Optimization, 2015, Algorithm 1 with (I + W) / 2 for its second matrix.
     """
-    x = problem.start(me.last)
-    gradient = problem.gradient(x)
-    inbox = yield {"x": x}, float("inf")
-    mixed = me.mix(inbox, "x")
-    new = mixed - step * gradient
-    while not inbox.stop:
-        change = float(abs(new - x).max())
-        older, x = (x + mixed) / 2, new
-        me.note(x=x)
+    x = older = problem.start(me.last)
+    before = np.zeros_like(x)
+    change = float("inf")
+    while True:
         inbox = yield {"x": x}, change
-        mixed, before, gradient = me.mix(inbox, "x"), gradient, problem.gradient(x)
+        mixed, gradient = me.mix(inbox, "x"), problem.gradient(x)
         new = x + mixed - older - step * (gradient - before)
-    return me.result(new)
+        older, before = (x + mixed) / 2, gradient
+        change, x = float(abs(new - x).max()), new
+        me.note(x=x)
+        if inbox.stop:
+            return me.result(x)
