@@ -12,7 +12,7 @@ PACKAGES = ("agentd", "dcf_zenoh", *FAMILIES)
 LAYERS = (
     "errors",
     "plant spec graph clock messaging.message configuration.wording",
-    "requests agreement messaging.delivery messaging.mailbox faults algorithms problems",
+    "requests agreement messaging.delivery messaging.mailbox faults algorithms problems layouts",
     "rhythm fate talk transmission controllers reception exchange recording supervisor",
     "flight agent messaging problem_contract testing",
     "plugins",
