@@ -4,7 +4,6 @@ import gc
 import logging
 import time
 from collections.abc import Callable, Mapping
-from functools import partial
 
 from dcf_zenoh.agent import Ending
 from dcf_zenoh.assembly import AgentParts
@@ -153,17 +152,18 @@ def drive(loop: Loop[Ending], answer: Callable[[Request], int]) -> Ending:
     Raises:
         DcfError: Whatever stops the loop.
     """
-    go_on: Callable[[], Request] = partial(next, loop)
-    while True:
-        try:
-            request = go_on()
-        except StopIteration as finished:
-            ending: Ending = finished.value
-            return ending
-        try:
-            go_on = partial(loop.send, answer(request))
-        except Exception as error:
-            go_on = partial(loop.throw, error)
+    try:
+        request = next(loop)
+        while True:
+            try:
+                now = answer(request)
+            except Exception as error:
+                request = loop.throw(error)
+            else:
+                request = loop.send(now)
+    except StopIteration as finished:
+        ending: Ending = finished.value
+        return ending
 
 
 def run_wall(
@@ -222,17 +222,20 @@ def run_wall(
             now = clock.now()
             network.publish(request.message, request.receiver, now)
             return now
-        if isinstance(request, Agree):
+        if isinstance(request, Wait):
+            if request.senders:
+                hear(request)
+            else:
+                sleep(request.until)
+        elif isinstance(request, Activate):
+            sleep(request.until)
+        elif isinstance(request, Agree):
             return agree(request.until)
-        if isinstance(request, Start):
+        elif isinstance(request, Start):
             clock.start(request.instant)
             network.started(request.instant)
-        elif isinstance(request, Report):
-            report(request)
-        elif isinstance(request, Wait) and request.senders:
-            hear(request)
         else:
-            sleep(request.until)
+            report(request)
         return clock.now()
 
     if network.start:  # the fleet is under way

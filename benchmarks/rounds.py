@@ -3,14 +3,21 @@
 N processes on the complete graph; in every round each publishes 30 float64 and waits for the others'. The stack is
 what a daemon runs: exchange, mailbox, codec, network, on the wall clock; there is no algorithm. The bare loop is what
 one would write by hand with Zenoh's defaults: a subscriber with a callback per neighbour, a queue, `put`. The two are
-run in turn, many times; only the ratios mean anything.
+run in turn, many times; only the ratios mean anything. Of these the ratio of processor time is the steadier one on a
+machine that does other work.
 
-    python benchmarks/rounds.py [--pairs 8] [--seconds 1.5] [--sizes 2 4 8]
+    python benchmarks/rounds.py [--pairs 8] [--seconds 1.5] [--sizes 2 4 8] [--against TREE]
+
+With ``--against`` the stack of another working tree of this project takes its turn too:
+
+    git worktree add ../before REVISION
+    python benchmarks/rounds.py --against ../before
 """
 
 import argparse
 import io
 import json
+import os
 import random
 import socket
 import statistics
@@ -19,6 +26,7 @@ import sys
 import time
 from collections import defaultdict
 from contextlib import suppress
+from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import NamedTuple
 
@@ -27,6 +35,7 @@ import numpy as np
 FLOORS = {2: 0.6, 4: 0.6, 8: 0.7}
 VALUES = 30
 PERIOD = 50  # rounds between looks at the time
+TREE, SCRIPT = Path(__file__).parents[1], Path("benchmarks") / "rounds.py"
 TIMEOUT = 60.0  # s for one run, start and end included
 
 
@@ -153,12 +162,25 @@ def stack(agent: int, ports: list[int], seconds: float) -> None:
         report(found[0])
 
 
-def measure(kind: str, count: int, seconds: float) -> tuple[float, float]:
-    """Rounds per second, and processor time per round and process in µs, of one run in fresh processes."""
+class Speed(NamedTuple):
+    """Of one run: rounds per second, and processor time per round and process in µs."""
+
+    rate: float
+    processor: float
+
+
+def measure(kind: str, count: int, seconds: float, tree: Path = TREE) -> Speed:
+    """One run in fresh processes, by the code in a working tree."""
     ports = free_ports(count)
-    command = [sys.executable, __file__, "--seconds", str(seconds), "--ports", *map(str, ports)]
+    command = [sys.executable, str(tree / SCRIPT), "--seconds", str(seconds), "--ports", *map(str, ports)]
     children = [
-        subprocess.Popen([*command, "--worker", kind, str(i)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+        subprocess.Popen(
+            [*command, "--worker", kind, str(i)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+            env=os.environ | {"PYTHONPATH": str(tree)},
+        )
         for i in range(count)
     ]
     try:
@@ -169,7 +191,18 @@ def measure(kind: str, count: int, seconds: float) -> tuple[float, float]:
         for child in children:
             child.kill()
             child.wait()
-    return found[0].rounds / found[0].real, statistics.mean(m.processor / m.rounds for m in found) * 1e6
+    return Speed(found[0].rounds / found[0].real, statistics.mean(m.processor / m.rounds for m in found) * 1e6)
+
+
+def compare(name: str, ours: list[Speed], theirs: list[Speed]) -> str:
+    """Medians and range of the ratios of runs taken in turn, and the medians themselves."""
+    text = name
+    for k, what in enumerate(("rounds/s", "processor time per round, µs")):
+        ratios = [mine[k] / other[k] for mine, other in zip(ours, theirs, strict=True)]
+        mine, other = (statistics.median(speed[k] for speed in side) for side in (ours, theirs))
+        spread = f"{statistics.median(ratios):.2f} [{min(ratios):.2f} .. {max(ratios):.2f}]"
+        text += f"{';' if k else ':'} {what} {spread} {mine:.0f} / {other:.0f}"
+    return text
 
 
 def _line(child: "subprocess.Popen[str]") -> str:
@@ -193,6 +226,7 @@ def main() -> None:
     parser.add_argument("--pairs", type=int, default=8)
     parser.add_argument("--seconds", type=float, default=1.5)
     parser.add_argument("--sizes", type=int, nargs="+", default=[2, 4, 8])
+    parser.add_argument("--against", type=Path, metavar="TREE", help="another working tree, to compare with")
     parser.add_argument("--ports", type=int, nargs="+", help=argparse.SUPPRESS)
     parser.add_argument("--worker", nargs=2, help=argparse.SUPPRESS)
     options = parser.parse_args()
@@ -200,19 +234,19 @@ def main() -> None:
         kind, agent = options.worker
         {"bare": bare, "stack": stack}[kind](int(agent), options.ports, options.seconds)
         return
-    print(f"{VALUES} float64, complete graph, {options.pairs} alternating pairs of {options.seconds:g} s; medians")
+    print(f"{VALUES} float64, complete graph, {options.pairs} runs of each in turn, {options.seconds:g} s; medians")
     for count in options.sizes:
-        pairs = [
-            (measure("bare", count, options.seconds), measure("stack", count, options.seconds))
-            for _ in range(options.pairs)
-        ]
-        ratios = [ours[0] / theirs[0] for theirs, ours in pairs]
-        theirs, ours = ([statistics.median(pair[side][k] for pair in pairs) for k in (0, 1)] for side in (0, 1))
-        print(
-            f"  N = {count}: stack / bare {statistics.median(ratios):.2f} [{min(ratios):.2f} .. {max(ratios):.2f}]"
-            f" (floor {FLOORS.get(count, 0.6)}); rounds/s {ours[0]:.0f} / {theirs[0]:.0f};"
-            f" processor time per round and process {ours[1]:.0f} / {theirs[1]:.0f} µs"
-        )
+        print(f"  N = {count} (floor of rounds/s, stack / bare: {FLOORS.get(count, 0.6)})")
+        runs: defaultdict[str, list[Speed]] = defaultdict(list)
+        for _ in range(options.pairs):
+            runs["bare"].append(measure("bare", count, options.seconds))
+            runs["stack"].append(measure("stack", count, options.seconds))
+            if options.against:
+                runs["against"].append(measure("stack", count, options.seconds, options.against))
+        print(compare("    stack / bare", runs["stack"], runs["bare"]))
+        if options.against:
+            print(compare(f"    stack / that of {options.against}", runs["stack"], runs["against"]))
+            print(compare(f"    that of {options.against} / bare", runs["against"], runs["bare"]))
 
 
 if __name__ == "__main__":

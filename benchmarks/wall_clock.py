@@ -76,7 +76,8 @@ def main() -> None:
                 print(
                     f"{plant:6} {100 * kept:6.2f} % of {steps} agent-steps in time, {verdict};"
                     f" {summary['ended_by'].get('budget', 0)} ended by the budget; negotiation median"
-                    f" {summary['negotiation_ms']['median']:.0f} ms; arrived at {summary['arrival_time'] or float('nan'):.1f} s; {before}",
+                    f" {summary['negotiation_ms']['median']:.0f} ms; arrived at"
+                    f" {summary['arrival_time'] or float('nan'):.1f} s; {before}",
                     flush=True,
                 )
         for plant in ("point", "twin"):

@@ -1,16 +1,15 @@
 """Rounds: how an agent's algorithm talks with its neighbours, the same over Zenoh and in the simulator."""
 
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from typing import Any, Generic, NamedTuple, TypeVar
 
-from dcf_zenoh.agreement import Agreement
+from dcf_zenoh.agreement import Agreement, Header
 from dcf_zenoh.algorithms.algorithm import Dialogue, Inbox
 from dcf_zenoh.errors import AlgorithmError, MessageError
 from dcf_zenoh.graph import Neighbourhood
 from dcf_zenoh.messaging.mailbox import Mailbox
 from dcf_zenoh.messaging.message import Last
-from dcf_zenoh.reception import LinkCount, Passed, Reception
+from dcf_zenoh.reception import LinkCount, Note, Reception
 from dcf_zenoh.requests import NEVER, Activate, Loop, Publish, Wait
 from dcf_zenoh.rhythm import Rhythm
 from dcf_zenoh.spec import Rounds, nanoseconds
@@ -43,7 +42,7 @@ class Outcome(NamedTuple, Generic[T]):
     stopped_by: str
     compute: int
     links: dict[int, LinkCount]
-    passed: list[Passed]
+    passed: list[Note]
     all_settled: bool
     log: list[RoundRecord]
 
@@ -154,11 +153,9 @@ class Exchange:
         reception, senders = self._reception, hood.receives_from
         inbox: Inbox | None = None
         stopped_by = ""
-        while (payload := talk.resume(inbox)) is not None:
+        while talk.resume(inbox):
             round = talk.rounds - 1
-            with _blaming(f"agent {self._agent}: step {step} round {round}"):
-                header = agreement.header(talk.residual)
-                sent = self._transmission.round(payload, hood, step, round, now, header)
+            sent = self._sent(talk, hood, step, round, now, agreement.header(talk.residual))
             for publication in sent.publications:
                 now = yield publication
             deadline = min(until, now + timeout)
@@ -175,8 +172,8 @@ class Exchange:
             elif now >= until:
                 stopped_by = "budget"
             inbox = self._inbox(talk, sent, round, stop=bool(stopped_by))
-            if step >= 0:
-                now = yield from self._computing(talk, now)
+            if step >= 0 and (end := self._computed(talk, now)) > now:
+                now = yield Wait(end)
         if stopped_by in ("", "budget") or self._margin:  # the others may not know that it is through
             yield Publish(self._transmission.message(now, step, talk.rounds, last=Last.OF_STEP))
         return now, stopped_by or "returned"
@@ -197,9 +194,10 @@ class Exchange:
         inbox: Inbox | None = None
         stopped_by = ""
         activation = now
-        while (payload := talk.resume(inbox)) is not None:
+        while talk.resume(inbox):
             round = talk.rounds - 1
-            now = yield from self._computing(talk, now)
+            if (end := self._computed(talk, now)) > now:
+                now = yield Wait(end)
             activation = max(rhythm.after(activation), now + 1)
             if activation >= until:
                 stopped_by, activation = "budget", max(until, now + 1)
@@ -207,35 +205,49 @@ class Exchange:
                 stopped_by = "rounds"
             # Nothing leaves before the next activation; after the last one, not before the next step.
             promise = max(next_step, activation) if stopped_by else activation
-            with _blaming(f"agent {self._agent}: step {step} round {round}"):
-                header = agreement.header(talk.residual)
-                sent = self._transmission.round(payload, hood, step, round, now, header, promise)
+            sent = self._sent(talk, hood, step, round, now, agreement.header(talk.residual), promise)
             for publication in sent.publications:
                 now = yield publication
             now = yield Activate(activation, senders)
             reception.activate(round, now)
             agreement.settle(reception.messages)
             inbox = self._inbox(talk, sent, round, stop=bool(stopped_by), synchronous=False)
-        now = yield from self._computing(talk, now)
+        if (end := self._computed(talk, now)) > now:
+            now = yield Wait(end)
         if not stopped_by:
             last = self._transmission.message(now, step, talk.rounds, last=Last.OF_STEP, promise=max(next_step, now))
             yield Publish(last)
         return now, stopped_by or "returned"
 
+    def _sent(
+        self,
+        talk: Talk[T],
+        hood: Neighbourhood,
+        step: int,
+        round: int,
+        now: int,
+        header: Header,
+        promise: int = 0,
+    ) -> Sent:
+        """One round's messages; a payload that cannot be sent is the algorithm's error."""
+        try:
+            return self._transmission.round(talk.payload, hood, step, round, now, header, promise)
+        except MessageError as error:
+            raise AlgorithmError(f"agent {self._agent}: step {step} round {round}: {error}") from error
+
     def _inbox(self, talk: Talk[T], sent: Sent, round: int, *, stop: bool, synchronous: bool = True) -> Inbox:
         """What the algorithm sees of `round`."""
-        talk.hear(sent.own, lambda: self._reception.arrivals(round))
+        if talk.logs:
+            talk.hear(sent.own, self._reception.arrivals(round))
         return self._reception.inbox(sent.own, sent.names, round, stop=stop, synchronous=synchronous)
 
-    def _computing(self, talk: Talk[T], now: int) -> Loop[int]:
-        """Let the time of a round's computation pass: what the settings say, or on the wall clock what is too much."""
+    def _computed(self, talk: Talk[T], now: int) -> int:
+        """When a round's computation is done: after what the settings say, or on the wall clock what is too much."""
         factor = self._slowness(now)
         duration = self._compute_time * factor if self._virtual else talk.last_compute * (factor - 1)
-        if duration:
-            now = yield Wait(now + round(duration))
-        return now
+        return now + round(duration)
 
-    def cut_short(self, step: int) -> tuple[dict[int, LinkCount], list[Passed]]:
+    def cut_short(self, step: int) -> tuple[dict[int, LinkCount], list[Note]]:
         """What had come in `step` when it broke off."""
         return self._reception.cut_short(step)
 
@@ -283,12 +295,3 @@ class Exchange:
             elif silence > silent_after:
                 found[j] = f"nothing heard for {silence * 1e-9:.2f} s"
         return found
-
-
-@contextmanager
-def _blaming(place: str) -> Iterator[None]:
-    """Turn what is wrong with a payload into an error of the algorithm that names `place`."""
-    try:
-        yield
-    except MessageError as error:
-        raise AlgorithmError(f"{place}: {error}") from error

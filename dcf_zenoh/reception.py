@@ -1,8 +1,9 @@
 """The receiving half of an exchange: from the mailbox to what an algorithm sees of a round."""
 
+from collections import defaultdict
 from collections.abc import Iterable, Mapping, Set
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 from dcf_zenoh.algorithms.algorithm import Inbox
 from dcf_zenoh.faults.link import Link
@@ -10,6 +11,8 @@ from dcf_zenoh.messaging.delivery import Delivery
 from dcf_zenoh.messaging.mailbox import Mailbox
 from dcf_zenoh.messaging.message import Last, Message, Payload
 from dcf_zenoh.requests import NEVER
+
+_DONE = Last.DONE  # looked up once: that takes longer than all else that is done with a message
 
 
 @dataclass(slots=True)
@@ -44,6 +47,37 @@ class Passed(NamedTuple):
     lost_by: str
 
 
+Note: TypeAlias = tuple[int, int, int, int, int, int, str]  # a `Passed`, cheaper to make: there is one per message
+
+
+class _Ear:
+    """What is heard of one neighbour.
+
+    Attributes:
+        waiting: What has arrived and is not due.
+        silence: Rounds in a row without anything.
+        count: What came in this step.
+        newest: Message of this step; None if there was none.
+        there: When that was there, fleet time in ns.
+        first_seen: The own round in which it was first there.
+        through: Nothing more comes in this step, as the neighbour has said.
+    """
+
+    __slots__ = ("count", "first_seen", "newest", "silence", "there", "through", "waiting")
+
+    def __init__(self) -> None:
+        self.waiting: list[Delivery] = []
+        self.silence = 0
+        self.begin(through=False)
+
+    def begin(self, *, through: bool) -> None:
+        """Start a step: nothing of an earlier one enters it."""
+        self.count = LinkCount()
+        self.newest: Message | None = None
+        self.there = self.first_seen = -1
+        self.through = through
+
+
 class Reception:
     """What has come from the neighbours, round by round.
 
@@ -59,7 +93,6 @@ class Reception:
         watch: Log also what comes over links without faults.
 
     Attributes:
-        links: Neighbour -> what came from it in this step.
         passed: What the links did to messages in this step.
         last_heard: Neighbour -> when something of it was last taken in, fleet time in ns.
         departed: Neighbour -> its goodbye, of those whose goodbye is there.
@@ -79,33 +112,25 @@ class Reception:
         self._hold = hold
         self._silent_after = silent_after
         self._watch = watch
-        self._waiting: dict[int, list[Delivery]] = {}  # arrived, not due
-        self._silence: dict[int, int] = {}  # rounds in a row without anything
         self._here: tuple[float, ...] = ()
         self._step = -NEVER
-        self._heard: dict[int, Delivery] = {}  # newest of each neighbour in this step
-        self._first_seen: dict[int, int] = {}  # own round in which that was first there
+        self._known: defaultdict[int, _Ear] = defaultdict(_Ear)  # all who were ever heard
+        self._ears: dict[int, _Ear] = {}  # who is heard in this step
         self._names: Set[Any] = frozenset()  # of the own payload
         self._names_since = 0  # round since which it has had them
-        self._through: set[int] = set()  # neighbours that have said that they are through with this step
         self.departed: dict[int, Last] = {}
-        self.links: dict[int, LinkCount] = {}
-        self.passed: list[Passed] = []
+        self.passed: list[Note] = []
         self.last_heard: dict[int, int] = {}
 
     def begin(self, step: int, senders: Iterable[int], here: tuple[float, ...] = ()) -> None:
         """Start a step, in which `senders` are heard, at the position `here`: nothing of an earlier step enters it."""
         self._step = step
         self._here = here
-        self._heard = {}
-        self._first_seen = {}
-        self._through = set(self.departed)
+        self._ears = {j: self._known[j] for j in senders}
+        for j, ear in self._ears.items():
+            ear.begin(through=j in self.departed)
         self._names, self._names_since = frozenset(), 0
-        self.links = {j: LinkCount() for j in senders}
         self.passed = []
-        for j in self.links:
-            self._waiting.setdefault(j, [])
-            self._silence.setdefault(j, 0)
 
     def round_end(self, round: int, now: int, deadline: int) -> int:
         """Take in what has arrived up to `round`; when that round ends, fleet time in ns, `now` or later.
@@ -114,117 +139,125 @@ class Reception:
         for the silent, the dead, and those who have said that they are through.
         """
         end = now
-        for j in self.links:
-            self._take(j, self._mailbox.take(j, self._step, round))
-            due = self._due(j, round)
-            if due is not None:
-                end = max(end, due)
-            elif j not in self._through and not self.silent(j) and not self._mailbox.dead(j):
-                end = max(end, deadline)
+        for j, ear in self._ears.items():
+            self._take(j, ear, self._mailbox.take(j, self._step, round))
+            due = self._due(ear, round)
+            if due is None:
+                awaited = not (ear.through or ear.silence >= self._silent_after or self._mailbox.dead(j))
+                due = deadline if awaited else now
+            end = max(end, due)
         return min(end, max(deadline, now))
 
     def close(self, round: int, now: int) -> None:
         """End a synchronous `round`: hear what is there by `now`, and count it."""
-        for j, link in self.links.items():
-            news = self._hear(j, round, now)
-            fresh = news and self._heard[j].message.round == round
-            link.received += fresh
-            link.late += news and not fresh
-            link.missing += not fresh and j not in self._through
+        for j, ear in self._ears.items():
+            news = self._hear(j, ear, round, now)
+            if news and ear.newest is not None and ear.newest.round == round:
+                ear.count.received += 1
+            else:
+                ear.count.late += news
+                ear.count.missing += not ear.through
 
     def activate(self, round: int, now: int) -> None:
         """Hear, at the activation `round` of this agent, what was there before `now`."""
-        for j, link in self.links.items():
-            self._take(j, self._mailbox.take_before(j, now))
-            link.received += self._hear(j, round, now - 1)
+        for j, ear in self._ears.items():
+            self._take(j, ear, self._mailbox.take_before(j, now))
+            ear.count.received += self._hear(j, ear, round, now - 1)
 
-    def cut_short(self, step: int) -> tuple[dict[int, LinkCount], list[Passed]]:
+    @property
+    def links(self) -> dict[int, LinkCount]:
+        """Neighbour -> what came from it in this step."""
+        return {j: ear.count for j, ear in self._ears.items()}
+
+    def cut_short(self, step: int) -> tuple[dict[int, LinkCount], list[Note]]:
         """What had come in `step` when it broke off; nothing if it had not begun to listen."""
         return (self.links, self.passed) if step == self._step else ({}, [])
 
-    def silent(self, neighbour: int) -> bool:
-        """Whether nothing has been heard of `neighbour` for so many rounds that nobody waits for it."""
-        return self._silence[neighbour] >= self._silent_after
-
-    def _take(self, neighbour: int, arrived: list[Delivery]) -> None:
+    def _take(self, neighbour: int, ear: _Ear, arrived: list[Delivery]) -> None:
         """Lead what has arrived through the faults of its link."""
-        faults, waiting = self._faults.get(neighbour), self._waiting[neighbour]
+        faults = self._faults.get(neighbour)
         for delivery in arrived:
             message = delivery.message
-            if message.last is Last.AWAY:
-                continue
-            if faults is None or message.step < 0 or message.last >= Last.DONE:  # goodbyes are about the run itself
-                waiting.append(delivery)
-                if self._watch and message.step >= 0 and message.last < Last.DONE:
+            if message.step < 0 or message.last >= _DONE:  # the start and goodbyes are about the run itself
+                ear.waiting.append(delivery)
+            elif faults is None:
+                ear.waiting.append(delivery)
+                if self._watch:
                     self._note(delivery, delivery.due)
-                continue
-            passage = faults.convey(delivery._replace(due=delivery.entered, here=self._here))
-            if not passage.deliveries:
-                self.links[neighbour].lost += 1
-                self._note(delivery, -1, passage.lost_by)
-            for each in passage.deliveries:
-                due = max(each.due, delivery.due)
-                waiting.append(each._replace(due=due))
-                self._note(delivery, due)
+            else:
+                self._convey(delivery, faults, ear)
+
+    def _convey(self, delivery: Delivery, faults: Link, ear: _Ear) -> None:
+        """Lead one message through `faults`."""
+        passage = faults.convey(delivery._replace(due=delivery.entered, here=self._here))
+        if not passage.deliveries:
+            ear.count.lost += 1
+            self._note(delivery, -1, passage.lost_by)
+        for each in passage.deliveries:
+            due = max(each.due, delivery.due)
+            ear.waiting.append(each._replace(due=due))
+            self._note(delivery, due)
 
     def _note(self, delivery: Delivery, due: int, lost_by: str = "") -> None:
         message = delivery.message
         self.passed.append(
-            Passed(message.sender, message.sequence, message.step, message.round, delivery.entered, due, lost_by)
+            (message.sender, message.sequence, message.step, message.round, delivery.entered, due, lost_by)
         )
 
-    def _due(self, neighbour: int, round: int) -> int | None:
+    def _due(self, ear: _Ear, round: int) -> int | None:
         """When the message of `round` will be there, or the word that it will not come; None if neither will."""
         known = None
-        for message, _, due, _ in self._waiting[neighbour]:
+        for delivery in ear.waiting:
+            message, due = delivery.message, delivery.due
             relevant = message.step == self._step and (message.round == round or message.last)
-            if (relevant or message.last >= Last.DONE) and (known is None or due < known):
+            if (relevant or message.last >= _DONE) and (known is None or due < known):
                 known = due
         return known
 
-    def _hear(self, neighbour: int, round: int, now: int) -> bool:
+    def _hear(self, neighbour: int, ear: _Ear, round: int, now: int) -> bool:
         """Take in what is there by `now`, the newest of which counts; whether it is newer than what was there."""
-        link, later, news, anything = self.links[neighbour], [], False, False
-        for delivery in self._waiting[neighbour]:
-            message = delivery.message
-            if delivery.due > now:
+        later, news, anything = [], False, False
+        for delivery in ear.waiting:
+            message, due = delivery.message, delivery.due
+            if due > now:
                 later.append(delivery)
                 continue
-            anything = anything or message.step >= min(self._step, 0)  # the start is no sign of life in flight
+            anything = anything or message.step >= 0 or self._step < 0  # the start is no sign of life in flight
             if message.last:
-                self._end(message)
+                self._end(message, ear)
                 continue
-            before = self._heard.get(neighbour)
-            if message.step == self._step and (before is None or message.sequence > before.message.sequence):
+            before = ear.newest
+            if message.step == self._step and (before is None or message.sequence > before.sequence):
                 if news:
-                    link.late += 1  # what this one replaces was never seen
-                self._heard[neighbour], news = delivery, True
-                self._first_seen[neighbour] = round
-            elif before is None or message.sequence != before.message.sequence:
-                link.late += 1
-        self._waiting[neighbour] = later
+                    ear.count.late += 1  # what this one replaces was never seen
+                ear.newest, ear.there, ear.first_seen, news = message, due, round, True
+            elif before is None or message.sequence != before.sequence:
+                ear.count.late += 1
+        ear.waiting = later
         if anything:
             self.last_heard[neighbour] = now
-            self._silence[neighbour] = 0
-        elif neighbour not in self._through:
-            self._silence[neighbour] += 1
+            ear.silence = 0
+        elif not ear.through:
+            ear.silence += 1
         return news
 
-    def _end(self, message: Message) -> None:
+    def _end(self, message: Message, ear: _Ear) -> None:
         """Take in that more will not come in a step, or ever."""
-        if message.last >= Last.DONE:
+        if message.last >= _DONE:
             self.departed[message.sender] = message.last
-        if message.last >= Last.DONE or message.step == self._step:
-            self._through.add(message.sender)
+        if message.last >= _DONE or message.step == self._step:
+            ear.through = True
 
     @property
     def messages(self) -> list[Message]:
         """The newest message of each neighbour in this step, but of those who have fallen silent."""
-        return [delivery.message for j, delivery in self._heard.items() if not self.silent(j)]
+        return [
+            ear.newest for ear in self._ears.values() if ear.newest is not None and ear.silence < self._silent_after
+        ]
 
     def arrivals(self, round: int) -> dict[int, int]:
         """Neighbour -> when the message first seen in the own `round` was there, fleet time in ns."""
-        return {j: self._heard[j].due for j, seen in self._first_seen.items() if seen == round}
+        return {j: ear.there for j, ear in self._ears.items() if ear.first_seen == round}
 
     def inbox(self, own: Payload, names: Set[str], round: int, *, stop: bool, synchronous: bool = True) -> Inbox:
         """What the algorithm sees of `round`: fresh payloads, held ones, and who is missing.
@@ -245,19 +278,19 @@ class Reception:
         ages: dict[int, int] = {}
         news: list[int] = []
         missing: list[int] = []
-        for j in self.links:
-            if j not in self._heard:
+        for j, ear in self._ears.items():
+            message = ear.newest
+            if message is None:
                 missing.append(j)
                 continue
-            message, seen = self._heard[j].message, self._first_seen[j]
-            since = message.round if synchronous else seen
+            since = message.round if synchronous else ear.first_seen
             if since < oldest or not (synchronous or _alike(names, message.payload)):
                 missing.append(j)
                 continue
             payloads[j] = message.payload
             if since < round:
                 ages[j] = round - since
-            if seen == round:
+            if ear.first_seen == round:
                 news.append(j)
         return Inbox(own, payloads, stop=stop, ages=ages, news=news, missing=tuple(missing))
 

@@ -22,7 +22,7 @@ from dcf_zenoh.controllers.controller import Decision
 from dcf_zenoh.errors import RecordingError
 from dcf_zenoh.exchange import Outcome
 from dcf_zenoh.plant import Setpoint, State
-from dcf_zenoh.reception import LinkCount, Passed
+from dcf_zenoh.reception import LinkCount, Note
 
 SCHEMA = 2
 _NONE: Mapping[int, LinkCount] = MappingProxyType({})
@@ -67,7 +67,7 @@ class StepRecord(NamedTuple):
     late: bool
     compute: int
     links: list[tuple[int, int, int, int, int]]
-    passed: list[Passed]
+    passed: list[Note]
     notes: Mapping[str, float]
     log: list[Any]
     remark: str = ""
@@ -114,7 +114,7 @@ class StepRecord(NamedTuple):
         setpoint: Setpoint,
         remark: str,
         links: Mapping[int, LinkCount] = _NONE,
-        passed: Sequence[Passed] = (),
+        passed: Sequence[Note] = (),
     ) -> "StepRecord":
         """The record of a step in which the agent took no part, or not to its end; what had come until then."""
         return cls(

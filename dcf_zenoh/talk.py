@@ -39,6 +39,7 @@ class Talk(Generic[T]):
     Attributes:
         finished: Whether it has returned.
         rounds: How many payloads it has yielded.
+        payload: The last one.
         residual: The last one.
         compute: Real time spent in it, ns.
         last_compute: Real time spent in it since it was resumed last, ns.
@@ -58,6 +59,7 @@ class Talk(Generic[T]):
         self._noted = noted
         self._heard: tuple[Mapping[Any, Any], float, dict[int, int]] | None = None  # of the round to be logged
         self._result: T
+        self.payload: Payload | PerNeighbour = {}
         self.finished = False
         self.rounds = 0
         self.residual = math.inf
@@ -65,8 +67,8 @@ class Talk(Generic[T]):
         self.last_compute = 0
         self.log: list[RoundRecord] = []
 
-    def resume(self, inbox: Inbox | None) -> Payload | PerNeighbour | None:
-        """Hand over what was heard; the next payload, or None if the dialogue has returned.
+    def resume(self, inbox: Inbox | None) -> bool:
+        """Hand over what was heard; whether the dialogue goes on, with its next payload.
 
         Raises:
             AlgorithmError: The dialogue broke the contract, or raised an exception.
@@ -78,20 +80,22 @@ class Talk(Generic[T]):
         self.compute += self.last_compute
         if self._noted is not None and self._heard is not None:  # digested now: what was noted belongs to it
             self.log.append(RoundRecord(*self._heard, self._noted()))
-        if isinstance(said, StopIteration):
-            self.finished = True
-            self._result = said.value
-            return None
+        if self.finished:
+            return False
         if inbox is not None and inbox.stop:
             raise AlgorithmError(f"{self.place}: the algorithm went on after inbox.stop")
-        payload, self.residual = self._checked(said)
+        self._take(said)
         self.rounds += 1
-        return payload
+        return True
 
-    def hear(self, own: Mapping[Any, Any], arrivals: Callable[[], dict[int, int]]) -> None:
+    @property
+    def logs(self) -> bool:
+        """Whether it keeps a log of rounds."""
+        return self._noted is not None
+
+    def hear(self, own: Mapping[Any, Any], arrivals: dict[int, int]) -> None:
         """Note what the inbox that is handed over next answers, for the log."""
-        if self._noted is not None:
-            self._heard = own, self.residual, arrivals()
+        self._heard = own, self.residual, arrivals
 
     @property
     def result(self) -> T:
@@ -103,11 +107,14 @@ class Talk(Generic[T]):
         """Where the dialogue is, for messages."""
         return f"{self._place} round {self.rounds}"
 
-    def _advance(self, inbox: Inbox | None) -> object:
+    def _advance(self, inbox: Inbox | None) -> Any:
+        """What the dialogue says next; whether it has `finished`."""
         try:
             return next(self._dialogue) if inbox is None else self._dialogue.send(inbox)
         except StopIteration as finished:
-            return finished
+            self.finished = True
+            self._result = finished.value
+            return None
         except AlgorithmError as error:
             raise AlgorithmError(f"{self.place}: {error}") from error
         except DcfError:
@@ -115,14 +122,14 @@ class Talk(Generic[T]):
         except (Exception, SystemExit) as error:
             raise AlgorithmError(f"{self.place}: {account(error)}") from error
 
-    def _checked(self, said: Any) -> tuple[Payload | PerNeighbour, float]:
+    def _take(self, said: Any) -> None:
+        """Take in what the dialogue said: a payload, which is checked when it is sent, and a residual."""
         try:
-            payload, residual = said
-            residual = float(residual)
+            self.payload, residual = said
+            self.residual = float(residual)
         except (TypeError, ValueError):
             raise AlgorithmError(
                 f"{self.place}: the algorithm yielded {said!r:.60}; expected a payload and a residual"
             ) from None
-        if residual != residual:  # noqa: PLR0124 - NaN
+        if self.residual != self.residual:
             raise NumericalError(f"{self.place}: the algorithm's residual is not a number")
-        return payload, residual

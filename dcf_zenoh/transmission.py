@@ -11,6 +11,7 @@ from dcf_zenoh.graph import Neighbourhood
 from dcf_zenoh.messaging.message import Last, Message, Payload, canonical
 from dcf_zenoh.requests import Publish
 
+_AWAY = Last.AWAY  # to look it up takes long
 _NO_HEADER = Header()
 _NO_PAYLOAD: Payload = MappingProxyType({})
 
@@ -92,7 +93,7 @@ class Transmission:
         """The next message of this agent."""
         sequence = self._sequence
         self._sequence += 1
-        self.published += step >= 0 and last < Last.AWAY  # what the links of the steps carry
+        self.published += step >= 0 and last < _AWAY  # what the links of the steps carry
         return Message(
             self._agent, self._incarnation, sequence, step, round, now, header.stop_at, header.settled_hops, promise,
             last, header.residuals, self.position, payload,

@@ -27,22 +27,26 @@ class _Sender:
     def append(self, delivery: Delivery) -> None:
         message = delivery.message
         self.next = message.sequence + 1
-        self.ready.append(delivery)
         self.promise = max(self.promise, message.promise)
-        if message.last >= Last.DONE:
+        if not message.last:
+            self.known = (message.step, message.round)
+        elif message.last is Last.OF_STEP:
+            self.known = (message.step, NEVER)
+        elif message.last is Last.AWAY:
+            self.known = max(self.known, (message.step - 1, NEVER))
+            return
+        else:
             self.farewell = message.last
             self.known = (NEVER, 0)
             self.promise = NEVER
-        elif message.last is Last.AWAY:
-            self.known = max(self.known, (message.step - 1, NEVER))
-        else:
-            self.known = (message.step, NEVER if message.last else message.round)
+        self.ready.append(delivery)
 
 
 class Mailbox:
     """Messages of the in-neighbours of one agent. Belongs to one thread and one run.
 
-    A sender's messages are released in the order of their numbers, whatever order a network delivers them in.
+    A sender's messages are released in the order of their numbers, whatever order a network delivers them in. What a
+    sender says to runners alone (`Last.AWAY`) is never released.
 
     Args:
         senders: The in-neighbours.
@@ -71,19 +75,15 @@ class Mailbox:
             due: When it arrived, if that is another instant.
         """
         sender = self._senders[message.sender]
-        if message.incarnation > sender.incarnation:
+        if message.incarnation != sender.incarnation:
+            if message.incarnation < sender.incarnation:
+                self.overtaken += 1
+                return
             sender = self.welcome(message.sender, message.incarnation)
-        delivery = Delivery(message, entered, entered if due is None else due)
         if sender.next is None:
             sender.next = message.sequence
-        if message.incarnation < sender.incarnation:
-            self.overtaken += 1
-        elif message.sequence in sender.skipped:
-            sender.skipped.discard(message.sequence)
-            self.overtaken += 1
-        elif message.sequence < sender.next:
-            self.duplicates += 1
-        elif message.sequence == sender.next:
+        delivery = Delivery(message, entered, entered if due is None else due)
+        if message.sequence == sender.next:
             sender.append(delivery)
             while sender.ahead and sender.ahead[0][0] <= sender.next:
                 number, waiting = sender.ahead.pop(0)
@@ -91,6 +91,11 @@ class Mailbox:
                     sender.append(waiting)
                 else:
                     self.duplicates += 1
+        elif message.sequence in sender.skipped:
+            sender.skipped.discard(message.sequence)
+            self.overtaken += 1
+        elif message.sequence < sender.next:
+            self.duplicates += 1
         else:
             insort(sender.ahead, (message.sequence, delivery), key=lambda entry: entry[0])
 

@@ -6,9 +6,10 @@ travel as ``[dtype, shape, bytes]`` with a dtype from `DTYPES`, C order, little 
 
 from collections.abc import Mapping
 from enum import IntEnum
-from math import isfinite
+from math import inf
 from operator import ge
-from typing import Any, NamedTuple, TypeAlias
+from sys import float_info
+from typing import Any, NamedTuple, NoReturn, TypeAlias
 
 import msgpack
 import numpy as np
@@ -84,8 +85,11 @@ _LEAST = {
     "sender": 0, "incarnation": 0, "sequence": -NUMBERS_BEFORE, "step": -STEPS_BEFORE, "round": 0, "sent": -(2**62),
     "stop_at": -1, "settled_hops": -1, "promise": 0, "last": 0,
 }  # fmt: skip
-_INTEGERS, _MINIMA = (int,) * len(_LEAST), tuple(_LEAST.values())
+_TYPES = (int,) * (1 + len(_LEAST)) + (tuple, tuple, dict)  # of the fields on the wire, the version first
+_MINIMA = (VERSION, *_LEAST.values())
 _LAST = tuple(Last)
+_FINITE = float_info.max
+_NUMBERS = (float, int)  # a union of types takes longer
 
 
 def canonical(payload: Payload) -> dict[str, Value]:
@@ -164,28 +168,47 @@ def decode(data: bytes) -> Message:
         fields = msgpack.unpackb(data, use_list=False)
     except (ValueError, TypeError, msgpack.UnpackException, RecursionError) as error:
         raise MessageError(f"not a msgpack message: {type(error).__name__} {error}") from error
+    if type(fields) is not tuple or tuple(map(type, fields)) != _TYPES or not all(map(ge, fields, _MINIMA)):
+        _refuse(fields)
+    last, residuals, position, payload = fields[10:]
+    sound = fields[0] == VERSION and last < len(_LAST) and _floats(residuals, inf) and _floats(position, _FINITE)
+    if not sound:
+        _refuse(fields)
+    entries = {name: _value(name, value) for name, value in payload.items()}
+    return Message._make((*fields[1:10], _LAST[last], residuals, position, entries))
+
+
+def _refuse(fields: Any) -> NoReturn:
+    """Say what is wrong with fields that make no message.
+
+    Raises:
+        MessageError: Always.
+    """
     if type(fields) is not tuple or not fields:
         raise MessageError(f"expected a msgpack array, got {type(fields).__name__}")
-    if fields[0] != VERSION:
+    if type(fields[0]) is not int or fields[0] != VERSION:
         raise MessageError(f"version {fields[0]!r:.20} is not spoken here; expected {VERSION}")
-    if len(fields) != len(Message._fields) + 1:
-        raise MessageError(f"expected {len(Message._fields)} fields after the version, got {len(fields) - 1}")
-    numbers, residuals, position, payload = fields[1:-3], fields[-3], fields[-2], fields[-1]
-    if tuple(map(type, numbers)) != _INTEGERS or not all(map(ge, numbers, _MINIMA)):
-        for (name, least), value in zip(_LEAST.items(), numbers, strict=True):
-            if type(value) is not int or value < least:
-                raise MessageError(f"{name}: expected an integer of at least {least}, got {value!r:.40}")
-    if numbers[-1] > Last.FAILED:
-        raise MessageError(f"last: expected 0 to {int(Last.FAILED)}, got {numbers[-1]}")
-    if type(residuals) is not tuple or any(type(r) is not float or r != r for r in residuals):  # noqa: PLR0124 - NaN
+    if len(fields) != len(_TYPES):
+        raise MessageError(f"expected {len(_TYPES) - 1} fields after the version, got {len(fields) - 1}")
+    *numbers, residuals, position, payload = fields[1:]
+    for (name, least), value in zip(_LEAST.items(), numbers, strict=True):
+        if type(value) is not int or value < least:
+            raise MessageError(f"{name}: expected an integer of at least {least}, got {value!r:.40}")
+    if numbers[-1] >= len(_LAST):
+        raise MessageError(f"last: expected 0 to {len(_LAST) - 1}, got {numbers[-1]}")
+    if type(residuals) is not tuple or not _floats(residuals, inf):
         raise MessageError(f"residuals: expected floats, got {residuals!r:.60}")
-    if type(position) is not tuple or any(type(x) is not float or not isfinite(x) for x in position):
+    if type(position) is not tuple or not _floats(position, _FINITE):
         raise MessageError(f"position: expected finite floats, got {position!r:.60}")
-    if type(payload) is not dict:
-        raise MessageError(f"payload: expected a map, got {type(payload).__name__}")
-    return Message(  # type: ignore[call-arg]
-        *numbers[:-1], _LAST[numbers[-1]], residuals, position, {name: _value(name, payload[name]) for name in payload}
-    )
+    raise MessageError(f"payload: expected a map, got {type(payload).__name__}")
+
+
+def _floats(values: tuple[object, ...], most: float) -> bool:
+    """Whether these are floats, none of them NaN or of more than `most` in size."""
+    for value in values:  # noqa: SIM110 - a generator takes longer
+        if type(value) is not float or not -most <= value <= most:
+            return False
+    return True
 
 
 def _value(name: object, value: object) -> Value:
@@ -210,6 +233,6 @@ def _value(name: object, value: object) -> Value:
             raise MessageError(f"payload {name!r}: its bytes do not fill shape {shape} of {code}")
         array = np.frombuffer(raw, dtype)
         return array if len(shape) == 1 else array.reshape(shape)
-    if isinstance(value, float | int):
+    if isinstance(value, _NUMBERS):
         return value
     raise MessageError(f"payload {name!r}: expected a number or (dtype, shape, bytes), got {value!r:.40}")

@@ -184,6 +184,7 @@ def yields(*said: Any) -> Dialogue[None]:
         ([{"x": 1.0}], AlgorithmError, r"agent 1: step 7 round 0: the algorithm yielded .*; expected a payload and a"),
         ([({"x": 1.0}, "big")], AlgorithmError, "expected a payload and a residual"),
         ([({"x": "text"}, 1.0)], AlgorithmError, "agent 1: step 7 round 0: payload 'x': expected an array or a number"),
+        ([(None, 1.0)], AlgorithmError, "step 7 round 0: a payload is a mapping of names to .*, not NoneType"),
         (
             [({}, 1.0), ({}, math.nan)],
             NumericalError,

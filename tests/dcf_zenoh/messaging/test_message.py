@@ -82,6 +82,7 @@ def tampered(**fields: object) -> bytes:
     ("data", "text"),
     [
         (msgpack.packb([99, 1, 2]), "version 99 is not spoken here; expected 1"),
+        (msgpack.packb([True, *PLAIN[:-1], {}]), "version True is not spoken here; expected 1"),
         (msgpack.packb([1, 2]), "expected 13 fields after the version, got 1"),
         (msgpack.packb({"a": 1}), "expected a msgpack array, got dict"),
         (b"\xc1", "not a msgpack message"),
