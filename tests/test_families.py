@@ -130,8 +130,14 @@ def test_every_algorithm_gives_the_same_bits_over_zenoh(topology: str, tmp_path:
     assert launched["digest"] == run.digest
 
 
-def test_a_lossy_fleet_and_one_with_bodies_give_the_same_bits_over_zenoh(tmp_path: Path) -> None:
-    for name, changes in (("lasso", ["exchange.max_rounds=60"]), ("rendezvous", ["time.duration=2.0"])):
+def test_lossy_and_switching_fleets_and_one_with_bodies_give_the_same_bits_over_zenoh(tmp_path: Path) -> None:
+    switching = ["faults.switching=0.5", "exchange.round_timeout=0.001", "exchange.missing=absent"]
+    runs = {
+        "lasso": ["exchange.max_rounds=60"],
+        "rendezvous": ["time.duration=2.0"],
+        "quadratic": [*switching, "exchange.max_rounds=60"],
+    }
+    for name, changes in runs.items():
         run = dcf_zenoh.simulate(name, changes=changes)
         options = [word for change in changes for word in ("--set", change)]
         assert launch(name, tmp_path / name, *options)["digest"] == run.digest

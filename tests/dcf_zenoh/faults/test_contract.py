@@ -22,6 +22,7 @@ BARE = {  # kind -> what stands for it in a fleet file without a table
     "partition": [[1], [2]],
     "quantisation": 0.1,
     "range": 1.5,
+    "switching": 0.5,
     "tampering": -1.0,
 }
 TABLES: list[tuple[str, dict[str, Any]]] = [
@@ -36,6 +37,7 @@ TABLES: list[tuple[str, dict[str, Any]]] = [
     ("noise", {"std": 0.1, "names": ["x", "map"]}),
     ("partition", {"groups": [[1, 2], [3]]}),
     ("quantisation", {"step": 0.1, "names": ["gain"]}),
+    ("switching", {"graphs": [[[1, 2]], [[2, 3]]], "rounds": 2}),
     ("tampering", {"offset": 3, "freeze": True, "names": ["x", "ids"]}),
 ]
 
