@@ -22,6 +22,7 @@ bench: $(READY)  ## ratios against a bare Zenoh loop and the bare generators
 	$(BIN)/python benchmarks/faults.py
 	$(BIN)/python benchmarks/latency.py
 	$(BIN)/python benchmarks/crazyflie.py
+	$(BIN)/python benchmarks/wall_clock.py
 
 clean:
 	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache .hypothesis build dist *.egg-info
