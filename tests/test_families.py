@@ -67,7 +67,8 @@ from dcf_zenoh.problems.resource_allocation import ResourceAllocation
 ROUNDS = 12
 MEAN = ("average_consensus", "push_sum")
 SHARED = ("dual_subgradient", "tracking_admm")
-GAMES = ("pseudo_gradient", "pseudo_gradient_partial", "trades", "trades_primal", "trades_robust")
+COUPLED = ("trades", "trades_robust")
+GAMES = ("pseudo_gradient", "pseudo_gradient_partial", "trades_primal", *COUPLED)
 
 
 def problem_for(name, me):
@@ -76,7 +77,7 @@ def problem_for(name, me):
     if name in SHARED:
         return ResourceAllocation(me.agents, demand=[2.0, 0.7], weight=1.0 + me.id)
     if name in GAMES:
-        return Cournot(me.id, me.agents, cost=0.3 * me.id, capacity=None if name.endswith("primal") else 4.0)
+        return Cournot(me.id, me.agents, cost=0.3 * me.id, capacity=4.0 if name in COUPLED else None)
     return Quadratic(centre=[float(me.id), 0.1], weight=1.0 / me.id)
 
 

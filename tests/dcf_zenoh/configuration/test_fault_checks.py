@@ -8,8 +8,8 @@ from tests.fleet_files import problems
 from tests.lossy_fleets import lossy
 
 KNOWN = (
-    "known faults: bandwidth, bursts, duplication, latency, loss, noise, partition, quantisation, range, tampering;"
-    " or a table with kind = 'package.module:Name' or './file.py:Name'"
+    "known faults: bandwidth, bursts, duplication, latency, loss, noise, partition, quantisation, range, switching,"
+    " tampering; or a table with kind = 'package.module:Name' or './file.py:Name'"
 )
 
 
