@@ -244,6 +244,23 @@ def compare(options: Namespace) -> int:
     return compare_variants(options)
 
 
+def sweep(options: Namespace) -> int:
+    """Simulate every variant of FLEET with many seeds, on all cores; a table of all runs, and a figure.
+
+    --vary as in `agentd compare`. Seeds count from that of the fleet on.
+
+      agentd sweep position_swap_lossy --vary faults.loss=0,0.05,0.2,0.5 --vary algorithm=trades,robust --seeds 20
+
+    What is finished is kept: an interrupted sweep goes on with the same command and --out, and comes to the same
+    table. sweep.csv has a row for every run; where the problem allows it, with the distance of the decisions to those
+    of a central solver. The figure shows medians over the seeds, and quartiles, over the first quantity that is a
+    number. The exit code is 1 if a run failed; the others run all the same.
+    """
+    from agentd.sweep import sweep_variants  # noqa: PLC0415
+
+    return sweep_variants(options)
+
+
 def links(options: Namespace) -> int:
     """Print how well each link of RUN did: messages, losses and by what, latency, longest gap, clock offset.
 

@@ -3,7 +3,7 @@
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from dcf_zenoh.errors import RecordingError
 from dcf_zenoh.run import Run
@@ -68,6 +68,32 @@ def write_comparison(variants: Mapping[str, Run | str], folder: Path) -> list[Pa
     try:
         with rc_context(STYLE):
             return _save(comparison(variants), folder, "comparison")
+    except OSError as error:
+        raise RecordingError(f"{error.filename or folder}: cannot be written: {error.strerror}") from error
+
+
+def write_sweep(rows: Sequence[Mapping[str, Any]], axes: Mapping[str, Sequence[str]], folder: Path) -> list[Path]:
+    """Draw a sweep, as ``sweep.png`` and ``sweep.pdf``.
+
+    Args:
+        rows: Of its table.
+        axes: What is varied -> its values.
+        folder: Where.
+
+    Returns:
+        The files written; none if no varied quantity is a number.
+
+    Raises:
+        RecordingError: `folder` cannot be written.
+    """
+    from matplotlib import rc_context  # noqa: PLC0415
+
+    from agentd.figures.style import STYLE  # noqa: PLC0415
+    from agentd.figures.sweep import sweep  # noqa: PLC0415
+
+    try:
+        with rc_context(STYLE):
+            return _save(sweep(rows, axes), folder, "sweep")
     except OSError as error:
         raise RecordingError(f"{error.filename or folder}: cannot be written: {error.strerror}") from error
 

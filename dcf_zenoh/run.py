@@ -194,9 +194,9 @@ class Run:
             "arrival_time": self.arrival_time,
             "min_barrier": float(self.barriers.min()) if self.barriers.size else None,
             "min_distance": float(self.distances.min()) if self.distances.size else None,
-            "rounds_per_step": _spread(np.concatenate([log.rounds for log in logs])),
-            "compute_ms": _spread(np.concatenate([log.compute for log in logs]) * 1e3),
-            "negotiation_ms": _spread(np.concatenate([log.negotiation for log in logs]) * 1e3),
+            "rounds_per_step": spread_of(np.concatenate([log.rounds for log in logs])),
+            "compute_ms": spread_of(np.concatenate([log.compute for log in logs]) * 1e3),
+            "negotiation_ms": spread_of(np.concatenate([log.negotiation for log in logs]) * 1e3),
             "ended_by": dict(sorted(Counter(word for log in logs for word in log.stopped_by).items())),
             "deadline_misses": int(sum(log.late.sum() for log in logs)),
             "messages": {
@@ -214,7 +214,7 @@ class Run:
         }
 
 
-def _spread(values: npt.NDArray[Any]) -> dict[str, float | None]:
+def spread_of(values: npt.NDArray[Any]) -> dict[str, float | None]:
     """Median, 95th percentile and maximum."""
     if not values.size:
         return {"median": None, "p95": None, "max": None}
