@@ -107,7 +107,7 @@ class RecedingHorizon(Controller):
         if detour and not isinstance(problem, AimedProblem):
             raise ValueError(f"detour needs a problem with a target, which {type(problem).__name__} has not")
         self._problem = problem
-        self._detour = Detour(problem.target) if detour and isinstance(problem, AimedProblem) else None
+        self._detour = Detour(problem.target, sample_time) if detour and isinstance(problem, AimedProblem) else None
         self._algorithm = algorithm
         self._me = me
         self._predict_delay = self.acts_after = predict_delay
