@@ -13,7 +13,8 @@ test: $(READY)  ## every check
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest --numprocesses 2 --dist worksteal -m 'not real_time'
+	$(BIN)/python -m pytest -m real_time
 
 bench: $(READY)  ## ratios against a bare Zenoh loop and the bare generators
 	$(BIN)/python benchmarks/rounds.py
@@ -21,6 +22,7 @@ bench: $(READY)  ## ratios against a bare Zenoh loop and the bare generators
 	$(BIN)/python benchmarks/faults.py
 	$(BIN)/python benchmarks/latency.py
 	$(BIN)/python benchmarks/crazyflie.py
+	$(BIN)/python benchmarks/wall_clock.py
 
 clean:
 	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache .hypothesis build dist *.egg-info

@@ -34,11 +34,24 @@ agents = { 1 = { start = [0.0, 0.0] } }
 """
 
 
-def flight(plant: str, folder: Path) -> Run:
-    """Four daemons on the wall clock."""
+def flight(plant: str, folder: Path) -> str:
+    """Four daemons on the wall clock, and how they did."""
+    before = load()
     command = [sys.executable, "-m", "agentd", "launch", "position_swap", "--clock", "wall", "--plant", plant]
-    subprocess.run([*command, "--out", str(folder), "--json", "--no-report"], check=True, stdout=subprocess.DEVNULL)
-    return Run.read(folder)
+    options = ["--out", str(folder), "--json", "--no-report"]
+    done = subprocess.run([*command, *options], check=False, capture_output=True, text=True)
+    if done.returncode:  # on a machine that is busy enough neighbours fall silent
+        return f"FAILED: {done.stderr.strip().splitlines()[-1].removeprefix('agentd: ')[:120]}; {before}"
+    summary = Run.read(folder).summary()
+    steps = sum(summary["ended_by"].values())
+    kept = 1 - summary["deadline_misses"] / steps
+    verdict = "as it should" if kept >= KEPT else f"MISSES the goal of {100 * KEPT:g} %"
+    cut_short = summary["ended_by"].get("budget", 0)
+    arrived = f"arrived at {summary['arrival_time']:.1f} s" if summary["arrived"] else "did not arrive"
+    return (
+        f"{100 * kept:6.2f} % of {steps} agent-steps in time, {verdict}; {cut_short} ended by the budget;"
+        f" negotiation median {summary['negotiation_ms']['median']:.0f} ms; {arrived}; {before}"
+    )
 
 
 def ready(plant: str, folder: Path) -> float:
@@ -68,18 +81,7 @@ def main() -> None:
     with TemporaryDirectory() as name:
         for number in range(runs):
             for plant in ("point", "twin"):
-                before = load()
-                run = flight(plant, Path(name) / f"{plant}-{number}")
-                summary, steps = run.summary(), sum(len(log.step) for log in run.agents.values())
-                kept = 1 - summary["deadline_misses"] / steps
-                verdict = "as it should" if kept >= KEPT else f"MISSES the goal of {100 * KEPT:g} %"
-                print(
-                    f"{plant:6} {100 * kept:6.2f} % of {steps} agent-steps in time, {verdict};"
-                    f" {summary['ended_by'].get('budget', 0)} ended by the budget; negotiation median"
-                    f" {summary['negotiation_ms']['median']:.0f} ms; arrived at"
-                    f" {summary['arrival_time'] or float('nan'):.1f} s; {before}",
-                    flush=True,
-                )
+                print(f"{plant:6} {flight(plant, Path(name) / f'{plant}-{number}')}", flush=True)
         for plant in ("point", "twin"):
             times = [ready(plant, Path(name) / f"{plant}-ready-{number}") for number in range(runs)]
             verdict = "as it should" if statistics.median(times) < READY else f"MISSES the goal of {READY:g} s"

@@ -106,7 +106,6 @@ class Agent:
             now = yield Wait(step * self._sample_time)
             state = self._last_state(now)
         except Exception as error:
-            yield self._exchange.goodbye(NEVER, 0, Last.FAILED)
             yield from self._come_down(error)
             raise
         yield self._exchange.goodbye(step, now, last)
@@ -146,11 +145,13 @@ class Agent:
         return step
 
     def _come_down(self, error: Exception) -> Loop[None]:
-        """Land after a failure, and end the log."""
-        reason = "stopped" if isinstance(error, Stopped) else "failed"
-        remark = str(error)
+        """Say goodbye after a failure, land, and end the log."""
+        reason, remark, now = "stopped" if isinstance(error, Stopped) else "failed", str(error), 0
         try:
-            now = yield Wait(0)
+            now = yield self._exchange.goodbye(NEVER, 0, Last.FAILED)
+        except Exception as another:  # nobody hears it; the body lands all the same
+            remark += f"; then {another}"
+        try:
             yield from self._flight.land(now, reason)
         except PlantError as another:
             remark += f"; then {another}"

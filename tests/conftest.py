@@ -6,24 +6,33 @@ from pathlib import Path
 import pytest
 
 HERE = Path(__file__).parent
-# Tests of processes in real time. Where the machine is held up for a second, some of what they show is not so; they get
-# a second try. All others have to pass at once.
+# Tests of processes in real time. They run one by one (`make test`), and where the machine is held up for a second
+# nevertheless, and what they show is not so, they get a second try. All others have to pass at once.
 IN_REAL_TIME = (
+    "agentd/test_compare.py",
+    "agentd/test_daemon.py",
     "agentd/test_deaths.py",
+    "agentd/test_emulate.py",
     "agentd/test_failures.py",
     "agentd/test_fault.py",
     "agentd/test_landing.py",
+    "agentd/test_links.py",
     "agentd/test_rejoin.py",
+    "dcf_zenoh/messaging/test_network.py",
+    "dcf_zenoh/messaging/test_waker.py",
     "plants/emulator",
     "plants/test_crazyflie_hardware.py",
     "plants/test_crazyflie_hardware_flight.py",
+    "plants/test_crazyflie_outbox.py",
+    "plants/test_crazyflie_pose.py",
     "test_hardware_fleet.py",
     "test_kernel.py",
 )
 
 
 def pytest_collection_modifyitems(items: Iterable[pytest.Item]) -> None:
-    """Give tests in real time a second try."""
+    """Mark tests in real time, and give them a second try."""
     for item in items:
         if item.path.relative_to(HERE).as_posix().startswith(IN_REAL_TIME):
+            item.add_marker(pytest.mark.real_time)
             item.add_marker(pytest.mark.flaky(reruns=1))

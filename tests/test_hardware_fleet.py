@@ -229,6 +229,19 @@ def test_ctrl_c_leaves_every_drone_on_the_ground(phase: str, interrupted: Mappin
         assert end["end"] == ("done" if phase == "landing" else "stopped")
 
 
+def test_one_drone_and_one_point_mass_fly_in_one_fleet(tmp_path: Path) -> None:
+    with Swarm(tmp_path / "truth", 1) as swarm:
+        point = '[plants.point]\nkind = "point_mass"\n'
+        second = '[agents.2]\nplant = "point"\nstart = [0.0, -0.7]\ntarget = [0.0, -0.7]\n'
+        fleet = swarm.fleet(tmp_path / "mixed", (1,), point + second)
+        with launch(fleet, "time.duration=1.0", "plant='hardware'") as flight:
+            assert flight.end(LONG) == 0, flight.errors
+        assert swarm.drones[1].landed_softly
+        run = Run.read(flight.folder)
+        assert run.complete
+        assert {len(log.step) for log in run.agents.values()} == {5}
+
+
 @pytest.mark.parametrize("radio", [(), ("--tail", "0.02", "--silences", "20")], ids=["good radio", "bad radio"])
 def test_four_drones_change_places_and_land(radio: tuple[str, ...], tmp_path: Path) -> None:
     with Swarm(tmp_path / "truth", 4, *radio) as swarm:
