@@ -17,7 +17,7 @@ LAYERS = (
     "flight agent messaging problem_contract testing",
     "plugins",
     "configuration config",
-    "assembly agent_log run metrics simulation comparison link_health replay explanation",
+    "assembly agent_log run metrics simulation comparison link_health replay explanation oracle",
 )
 FOR_FAMILIES = {"dcf_zenoh.spec", "dcf_zenoh.plant", "dcf_zenoh.graph", "dcf_zenoh.errors"}
 WITHOUT_IO = (
