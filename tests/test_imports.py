@@ -1,6 +1,7 @@
 """Imports go one way: what a module may import follows from where it is. Nothing is imported here, only read."""
 
 import ast
+import tomllib
 from functools import cache
 from pathlib import Path
 
@@ -202,3 +203,10 @@ def test_core_and_daemon_start_without_matplotlib() -> None:
         for each, by in reached(module).items():
             assert not within(each, "matplotlib"), f"{module} imports {each}, by {by}"
     assert "matplotlib.figure" in reached("agentd.figures")
+
+
+def test_every_package_is_installed() -> None:
+    listed = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["setuptools"]["packages"]
+    found = [path.parent for name in PACKAGES for path in ROOT.glob(f"{name}/**/__init__.py")]
+    there = {".".join(path.relative_to(ROOT).parts) for path in found}
+    assert there == set(listed)
