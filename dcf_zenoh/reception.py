@@ -189,13 +189,13 @@ class Reception:
 
     def _convey(self, delivery: Delivery, faults: Link, ear: _Ear) -> None:
         """Lead one message through `faults`."""
-        passage = faults.convey(delivery._replace(due=delivery.entered, here=self._here))
+        passage = faults.convey(Delivery(delivery.message, delivery.entered, delivery.entered, self._here))
         if not passage.deliveries:
             ear.count.lost += 1
             self._note(delivery, -1, passage.lost_by)
         for each in passage.deliveries:
             due = max(each.due, delivery.due)
-            ear.waiting.append(each._replace(due=due))
+            ear.waiting.append(each if due == each.due else each._replace(due=due))
             self._note(delivery, due)
 
     def _note(self, delivery: Delivery, due: int, lost_by: str = "") -> None:

@@ -32,11 +32,12 @@ class Table:
         name: Of its entries in a payload.
 
     Attributes:
+        names: Of its entries in a payload: keys, steps and values.
         rows: Key -> the newest entry known. One that is shorter than others may end in NaN; see `unstacked`.
     """
 
     def __init__(self, name: str) -> None:
-        self._names = tuple(f"{PREFIX}{name}.{part}" for part in ("keys", "steps", "values"))
+        self.names = tuple(f"{PREFIX}{name}.{part}" for part in ("keys", "steps", "values"))
         self.rows: dict[Key, Entry] = {}
         self._payload: dict[str, Value] | None = {}
 
@@ -56,15 +57,17 @@ class Table:
             arrays = np.array(keys), np.array(steps), stacked(values)
             for array in arrays:
                 array.setflags(write=False)  # one copy for the messages to all neighbours
-            self._payload = dict(zip(self._names, arrays, strict=True))
+            self._payload = dict(zip(self.names, arrays, strict=True))
         return self._payload
 
     def merge(self, payload: Payload) -> None:
         """Take in what is newer in the table of another agent."""
-        if self._names[0] in payload:
-            keys, steps, values = (np.asarray(payload[name]) for name in self._names)
-            for key, step, value in zip(keys.tolist(), steps.tolist(), values, strict=True):
-                self.put(tuple(key), step, value)
+        if self.names[0] in payload:
+            keys, steps, values = (np.asarray(payload[name]) for name in self.names)
+            for row, (key, step) in enumerate(zip(map(tuple, keys.tolist()), steps.tolist(), strict=True)):
+                known = self.rows.get(key)
+                if known is None or known.step < step:  # which is rare: a table rides on every message
+                    self.put(key, step, values[row])
 
 
 class Carrier:
@@ -76,6 +79,7 @@ class Carrier:
 
     def __init__(self, *tables: Table) -> None:
         self._tables = tables
+        self._names = frozenset([ALONE, *(name for table in tables for name in table.names)])
 
     def alone(self) -> Dialogue[bool]:
         """One round of nothing but tables; whether there is time left after it."""
@@ -118,18 +122,18 @@ class Carrier:
 
     def _loaded(self, payload: Payload) -> Payload:
         loaded = dict(payload)
-        if any(str(name).startswith(PREFIX) and name != ALONE for name in loaded):
-            raise AlgorithmError(f"payload names that begin with {PREFIX!r} are taken: {sorted(loaded)}")
+        for name in loaded:
+            if str(name).startswith(PREFIX) and name != ALONE:
+                raise AlgorithmError(f"payload names that begin with {PREFIX!r} are taken: {sorted(loaded)}")
         for table in self._tables:
             loaded.update(table.payload)
         return loaded
 
-    @staticmethod
-    def _without_tables(inbox: Inbox, payload: Payload | PerNeighbour) -> Inbox:
+    def _without_tables(self, inbox: Inbox, payload: Payload | PerNeighbour) -> Inbox:
         """What the dialogue hears, if `payload` is what it said."""
         own: Mapping[Any, Any] = inbox.own
-        own = {j: _stripped(own[j]) for j in own} if isinstance(payload, PerNeighbour) else _stripped(own)
-        heard = {j: _stripped(each) for j, each in inbox.items() if ALONE not in each}
+        own = {j: self._bare(own[j]) for j in own} if isinstance(payload, PerNeighbour) else self._bare(own)
+        heard = {j: self._bare(each) for j, each in inbox.items() if ALONE not in each}
         return Inbox(
             own,
             heard,
@@ -139,6 +143,6 @@ class Carrier:
             missing=tuple(sorted({*inbox.missing, *(inbox.keys() - heard.keys())})),
         )
 
-
-def _stripped(payload: Payload) -> Payload:
-    return {name: value for name, value in payload.items() if not name.startswith(PREFIX)}
+    def _bare(self, payload: Payload) -> Payload:
+        names = self._names
+        return {name: value for name, value in payload.items() if name not in names}
