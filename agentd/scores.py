@@ -14,9 +14,9 @@ from dcf_zenoh.metrics import intrusions, overshoot, tracking_error
 from dcf_zenoh.run import Run
 
 MEASURED = (
-    "clock", "arrival_time", "overshoot", "min_distance", "min_barrier", "intrusions", "intrusion_time",
-    "tracking_error", "rounds_median", "rounds_max", "negotiation_median_ms", "negotiation_max_ms", "deadline_misses",
-    "agent_steps", "digest",
+    "clock", "arrival_time", "overshoot", "min_distance", "min_barrier", "min_clearance", "intrusions",
+    "intrusion_time", "tracking_error", "rounds_median", "rounds_max", "negotiation_median_ms", "negotiation_max_ms",
+    "deadline_misses", "agent_steps", "digest",
 )  # fmt: skip
 
 
@@ -31,6 +31,7 @@ def scores(run: Run | None) -> dict[str, Any]:
         overshoot(run),
         summary["min_distance"],
         summary["min_barrier"],
+        summary["min_clearance"],
         None if inside is None else inside.number,
         None if inside is None else inside.time,
         tracking_error(run),

@@ -76,7 +76,9 @@ def _closest(summary: Mapping[str, Any]) -> str:
     if distance is None:
         return "no other agent"
     safety = "" if barrier is None else f", least barrier {barrier:.3f}"
-    return f"{distance:.3f} m{safety}"
+    clearance = summary["min_clearance"]
+    obstacles = "" if clearance is None else f", with obstacles {clearance:.3f}"
+    return f"{distance:.3f} m{safety}{obstacles}"
 
 
 def _share(part: int, whole: int) -> str:

@@ -19,6 +19,7 @@ from dcf_zenoh.agent_log import AgentLog
 from dcf_zenoh.config import load
 from dcf_zenoh.errors import RecordingError
 from dcf_zenoh.plant import Array, read_only
+from dcf_zenoh.problems.diamond import Obstacle
 from dcf_zenoh.recording import log_name
 from dcf_zenoh.spec import FleetSpec
 
@@ -126,6 +127,22 @@ class Run:
         return None if radii is None else (float(radii[0]), float(radii[1]))
 
     @cached_property
+    def obstacles(self) -> tuple[Obstacle, ...]:
+        """What stands in the agents' way, if the problem has it."""
+        return tuple(map(Obstacle.of, self.fleet.problem.options.get("obstacles") or ()))
+
+    @cached_property
+    def clearances(self) -> Array:
+        """Barrier value h of every agent with every obstacle, shape (K, N obstacles); no columns without obstacles."""
+        if not self.positions.size:
+            return np.empty((self.steps, 0))
+        values = [
+            abs(self.positions[:, :, :2] - obstacle.at) @ (1 / np.array(obstacle.radii)) - 1
+            for obstacle in self.obstacles
+        ]
+        return np.concatenate(values, axis=1) if values else np.empty((self.steps, 0))
+
+    @cached_property
     def targets(self) -> Mapping[int, Array]:
         """Agent -> target, m, of the agents that have one."""
         found = {i: self.fleet.agent(i).problem.options.get("target") for i in self.agents}
@@ -193,6 +210,7 @@ class Run:
             "arrived": self.arrival_time is not None,
             "arrival_time": self.arrival_time,
             "min_barrier": float(self.barriers.min()) if self.barriers.size else None,
+            "min_clearance": float(self.clearances.min()) if self.clearances.size else None,
             "min_distance": float(self.distances.min()) if self.distances.size else None,
             "rounds_per_step": spread_of(np.concatenate([log.rounds for log in logs])),
             "compute_ms": spread_of(np.concatenate([log.compute for log in logs]) * 1e3),

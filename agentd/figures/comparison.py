@@ -86,7 +86,7 @@ def _times(figure: Figure | SubFigure, runs: Mapping[str, Run], titles: Mapping[
     counts = [np.concatenate([log.rounds for log in run.agents.values()])[took_part(run)] for run in shown]
     boxes(rounds, counts, labels, GREEN, unit="", words=few)
     negotiation.set_ylabel(f"time per step in ms{kind_of_time(shown)}")
-    negotiation.set_title("Negotiation: all of steps 1 and 2")
+    negotiation.set_title("Negotiation: states and rounds")
     compute.set_ylabel("time per step in ms, real time")
     compute.set_title("Computation: the algorithm alone")
     rounds.set_ylabel("rounds per step")

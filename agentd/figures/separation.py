@@ -34,7 +34,10 @@ def separation(runs: Sequence[Run]) -> Figure | None:
     for row, draw in zip(panels, drawers, strict=True):
         row[0].set_ylabel({_distances: "distance in m", _barriers: "barrier h", _rounds: "rounds per step"}[draw])
         entries = {text: handle for axes in row for handle, text in zip(*axes.get_legend_handles_labels(), strict=True)}
-        bottom = min(-0.07 * row[0].get_ylim()[1], *(1.2 * run.barriers.min(initial=0.0) for run in flown))
+        bottom = min(
+            -0.07 * row[0].get_ylim()[1],
+            *(1.2 * each.min(initial=0.0) for run in flown for each in (run.barriers, run.clearances)),
+        )
         row[0].set_ylim(bottom=bottom if draw is _barriers else 0.0)
         row[-1].legend(entries.values(), entries.keys(), loc="upper left", bbox_to_anchor=(1.01, 1), borderaxespad=0)
     return figure
@@ -53,6 +56,9 @@ def _barriers(axes: Axes, run: Run) -> None:
         axes.text(0.5, 0.5, why, transform=axes.transAxes, ha="center", color=GREY)
         return
     _pairs(axes, run, run.barriers, "")
+    if run.clearances.size:
+        axes.plot(run.time, run.clearances.min(axis=1), color=INK, linewidth=1.2, linestyle="--",
+                  label="least with obstacles")  # fmt: skip
     axes.axhspan(-1, 0, color=RED, alpha=0.2, linewidth=0, label="in the safety region,\nh < 0")
     axes.axhline(0, color=RED, linewidth=1.2)
 

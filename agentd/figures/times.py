@@ -24,7 +24,7 @@ def times(runs: Sequence[Run]) -> Figure | None:
     negotiation, compute = figure.subplots(1, 2)
     labels = [_label(run) for run in shown]
     boxes(negotiation, [milliseconds(run, "negotiation") for run in shown], labels, BLUE, allowed=budgets(shown))
-    negotiation.set_title("Negotiation: all of steps 1 and 2")
+    negotiation.set_title("Negotiation: states and rounds")
     negotiation.set_ylabel(f"time per step in ms{kind_of_time(shown)}")
     boxes(compute, [milliseconds(run, "compute") for run in shown], labels, ORANGE, allowed=budgets(shown))
     compute.set_title("Computation: the algorithm alone")

@@ -1,18 +1,21 @@
 """The paper's first figure: the agents' paths in the plane."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.patches import Patch, Polygon
+from matplotlib.patches import Patch, Polygon, Rectangle
 
-from agentd.figures.style import GREY, INK, agent_style, flies, heading
+from agentd.figures.style import GREY, INK, RED, agent_style, flies, heading
 from dcf_zenoh.plant import Array
 from dcf_zenoh.run import Run
 
 _COLUMNS = 3
+_OBSTACLE: Any = {"facecolor": "#dddddd", "edgecolor": GREY, "hatch": "///", "linewidth": 0.9}
+_ARENA: Any = {"fill": False, "edgecolor": RED, "linestyle": (0, (6, 3)), "linewidth": 1.4}
 
 
 def trajectories(runs: Sequence[Run]) -> Figure | None:
@@ -49,6 +52,7 @@ def limits(run: Run) -> tuple[Array, Array]:
     """Lower left and upper right corner of all that is drawn of a run, m."""
     points = [log.path[:, :2] for log in run.agents.values() if flies(log)]
     points += [target[None, :2] for target in run.targets.values()]
+    points += [diamond(each.at, each.radii) for each in run.obstacles]
     every = np.vstack(points)
     low, high = every.min(axis=0), every.max(axis=0)
     margin = max(0.08 * float(max(high - low)), 0.1)  # room for names and markers
@@ -58,6 +62,11 @@ def limits(run: Run) -> tuple[Array, Array]:
 def draw_paths(axes: Axes, run: Run, title: str) -> None:
     """One run: everybody's path, and what was safe at the closest approach, which is added to `title`."""
     instant = _closest(run)
+    for obstacle in run.obstacles:
+        axes.add_patch(Polygon(diamond(obstacle.at, obstacle.radii), **_OBSTACLE, zorder=1))
+    if run.fleet.arena is not None and len(run.fleet.arena.min) > 1:
+        (left, bottom), (right, top) = run.fleet.arena.min[:2], run.fleet.arena.max[:2]
+        axes.add_patch(Rectangle((left, bottom), right - left, top - bottom, **_ARENA, zorder=1))
     for place, (agent, log) in enumerate(run.agents.items()):
         if agent in run.targets:
             axes.plot(*run.targets[agent][:2], "x", color=INK, markersize=7, markeredgewidth=1.3, zorder=7)
@@ -118,4 +127,8 @@ def paths_key(runs: Sequence[Run]) -> list[Line2D | Patch]:
     ]
     if any(run.barriers.size for run in runs):
         key.append(Patch(facecolor="#eeeeee", edgecolor=GREY, label="safety region, closest instant"))
+    if any(run.obstacles for run in runs):
+        key.append(Patch(**_OBSTACLE, label="obstacle"))
+    if any(run.fleet.arena is not None for run in runs):
+        key.append(Patch(**_ARENA, label="arena"))
     return key

@@ -8,6 +8,7 @@ from dcf_zenoh.configuration.absence_checks import check_agents
 from dcf_zenoh.configuration.body_checks import check_arena, check_body
 from dcf_zenoh.configuration.drawing import draw, weights_of
 from dcf_zenoh.configuration.fault_checks import check_links
+from dcf_zenoh.configuration.layout_checks import check_layout
 from dcf_zenoh.configuration.need_checks import check_needs
 from dcf_zenoh.configuration.shelf import Shelf
 from dcf_zenoh.configuration.time_checks import check_rhythm, check_time, check_timeout
@@ -49,6 +50,7 @@ def check(spec: FleetSpec, folder: Path, problems: Problems, notes: list[str], *
     if not problems.within("topology") and (run_plugins or is_built_in("topologies", spec.topology.kind)):
         graph = _check_graph(spec, folder, problems)
     check_values(spec, folder, problems, run_plugins=run_plugins)
+    check_layout(spec, notes)
     check_needs(spec, folder, graph, problems, run_plugins=run_plugins)
     check_timeout(spec, problems, losers=[*check_links(spec, graph, shelf), *check_agents(spec, problems, notes)])
 

@@ -12,7 +12,7 @@ from dcf_zenoh.configuration.fault_entries import Spelling, is_fault, list_rules
 from dcf_zenoh.configuration.wording import Problems, listed, nearest, show
 from dcf_zenoh.errors import ConfigurationError
 from dcf_zenoh.plugins import known, split
-from dcf_zenoh.spec import Topology
+from dcf_zenoh.spec import Topology, default_controller
 
 _DEFAULT_TOPOLOGY = Topology().kind
 
@@ -159,6 +159,9 @@ class Draft:
         plants = self._tables("plants")
         if len(plants) == 1:
             self.table.setdefault("plant", next(iter(plants)))
+        if isinstance(controller := self.table.get("controller"), dict):
+            flies = "plant" in self.table or any("plant" in own for own in self._tables("agents").values())
+            controller.setdefault("kind", default_controller(has_plants=flies))
         self.check_ids()
         self.spelling.check(self.table, self.problems)
         list_rules(self.table, self.problems)

@@ -16,6 +16,7 @@ from dcf_zenoh.spec.fleet import (
     Rounds,
     Time,
     Topology,
+    default_controller,
 )
 from dcf_zenoh.spec.safety import Arena, LateRule, LimitRule, Reaction, Safety, SeparationRule, SilenceRule
 from dcf_zenoh.spec.table import AgentId, Kind, Name, NonNegativeFloat, PositiveFloat, Table, Vector, nanoseconds
@@ -52,5 +53,6 @@ __all__ = [
     "Time",
     "Topology",
     "Vector",
+    "default_controller",
     "nanoseconds",
 ]

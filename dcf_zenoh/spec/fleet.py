@@ -158,6 +158,11 @@ class AgentSpec:
     faults: AgentFaults
 
 
+def default_controller(*, has_plants: bool) -> str:
+    """The kind of controller where a fleet file does not say."""
+    return "receding_horizon" if has_plants else "solve_once"
+
+
 class FleetSpec(Table):
     """A fleet file, complete with all defaults."""
 
@@ -197,7 +202,7 @@ class FleetSpec(Table):
     @property
     def controller_kind(self) -> Kind:
         """The controller, chosen by whether there are plants where the file does not say."""
-        return self.controller or Kind(kind="receding_horizon" if self.has_plants else "solve_once")
+        return self.controller or Kind(kind=default_controller(has_plants=self.has_plants))
 
     def activation(self, agent: int) -> Activation:
         """The rhythm of one agent in asynchronous mode, both numbers chosen; its period is budget / max_rounds where
