@@ -34,7 +34,7 @@ def comparison(variants: Mapping[str, Run | str]) -> Figure | None:
     columns = min(len(variants), _COLUMNS)
     rows = -(-len(variants) // columns) if flown else 0
     low, high = _corners(flown)
-    tall = rows * (float(np.clip((high[1] - low[1]) / (high[0] - low[0]), 0.4, 1.6)) * 4.0 + 1.4)
+    tall = rows * (float(np.clip((high[1] - low[1]) / (high[0] - low[0]), 0.4, 1.6)) * 4.0 + 2.0)
     figure = Figure(
         figsize=(max(4.3 * columns + 0.6, 10.0), tall + _BELOW), layout=ConstrainedLayoutEngine(hspace=0.06)
     )
