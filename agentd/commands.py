@@ -3,9 +3,9 @@
 import json
 import sys
 from argparse import Namespace
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 from rich.console import Console
 
@@ -15,6 +15,9 @@ from dcf_zenoh.config import LoadedFleet, load, to_toml
 from dcf_zenoh.errors import ConfigurationError, DcfError, Landed, RecordingError
 from dcf_zenoh.plugins import GROUPS
 from dcf_zenoh.run import Run
+
+if TYPE_CHECKING:
+    from dcf_zenoh.oracle import Oracle
 
 Command: TypeAlias = Callable[[Namespace], int]
 WIDE = 160  # characters of a table that no screen cuts off
@@ -111,11 +114,21 @@ def plugins(options: Namespace) -> int:
 
 
 def report(options: Namespace) -> int:
-    """Draw the figures of one run, or of several side by side (PNG, PDF): paths, times, separation, links, and more."""
-    from agentd.report import write_report  # noqa: PLC0415
+    """Draw the figures of one run, or of several side by side (PNG, PDF): paths, times, separation, links, and more.
 
-    runs = [Run.read(folder) for folder in options.runs]
-    for path in write_report(runs, options.out or options.runs[0], animate=options.animate):
+    With --oracle the problem of every step is solved once more, in one place and to the end, from the recorded states;
+    printed and drawn is how far each agent's decision was from that, by how much all of them together violated a
+    constraint, and the residual at which the rounds were stopped.
+    """
+    from agentd.report import write_oracle, write_report  # noqa: PLC0415
+
+    runs, folder = [Run.read(each) for each in options.runs], options.out or options.runs[0]
+    written = write_report(runs, folder, animate=options.animate)
+    if options.oracle:
+        judged = _judge(runs)
+        written += write_oracle(runs, judged, folder) if judged else []
+        _print_judgement(runs, judged)
+    for path in written:
         print(path)
     return 0
 
@@ -392,14 +405,37 @@ def _finish(run: Run, options: Namespace) -> None:
     """Summary and figures at the end of a run."""
     from agentd.summary import summary_table  # noqa: PLC0415
 
+    judged = _judge([run]) if options.oracle else []
     summary = run.summary()
+    if options.oracle:
+        summary["oracle"] = judged[0].summary() if judged else None
     if options.json:
         print(json.dumps(summary), file=options.output)
     else:
         Console().print(summary_table(summary))
+        _print_judgement([run], judged)
     if not options.no_report and run.folder is not None:
-        from agentd.report import write_report  # noqa: PLC0415
+        from agentd.report import write_oracle, write_report  # noqa: PLC0415
 
         written = write_report([run], run.folder, animate=options.animate)
+        written += write_oracle([run], judged, run.folder) if judged else []
         if not options.json:
             print(f"{run.folder}: log of every agent, and {', '.join(path.name for path in written)}")
+
+
+def _judge(runs: Sequence[Run]) -> "list[Oracle]":
+    """What a central solver says of each run; nothing, and a word to the user, if it cannot say it of all."""
+    from dcf_zenoh.oracle import NoOracle, consult  # noqa: PLC0415 - OSQP is for those who need it
+
+    try:
+        return [consult(run) for run in runs]
+    except NoOracle as error:
+        print(f"agentd: note: --oracle: {error}", file=sys.stderr)
+        return []
+
+
+def _print_judgement(runs: Sequence[Run], judged: "Sequence[Oracle]") -> None:
+    from agentd.judgement import oracle_table  # noqa: PLC0415
+
+    for run, found in zip(runs, judged, strict=bool(judged)):
+        Console().print(oracle_table(run, found), highlight=False)

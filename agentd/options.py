@@ -8,6 +8,7 @@ from agentd import commands
 from dcf_zenoh.plugins import GROUPS
 
 Parser = argparse.ArgumentParser
+ORACLE = "compare every decision with that of a central solver"
 RUN = "run directory, or name of a fleet: its newest run below runs/"
 
 
@@ -75,6 +76,7 @@ def add_runs(command: Add, results: Parser) -> None:
     report = command("report", commands.report, "draw the figures of one run, or of several side by side")
     report.add_argument("runs", nargs="+", type=Path, metavar="RUN")
     report.add_argument("--out", type=Path, metavar="DIR", help="where figures go (default: the first run)")
+    report.add_argument("--oracle", action="store_true", help=ORACLE)
     report.add_argument("--animate", action="store_true", help="also draw the flight as a GIF")
     export = command("export", commands.export, "write a run as CSV, NPZ or MAT")
     export.add_argument("run", type=Path, metavar="RUN")
@@ -138,4 +140,5 @@ def result_options() -> Parser:
     options.add_argument("--json", action="store_true", help="print one JSON object and nothing else")
     options.add_argument("--no-report", action="store_true", help="draw no figures at the end")
     options.add_argument("--animate", action="store_true", help="also draw the flight as a GIF")
+    options.add_argument("--oracle", action="store_true", help=ORACLE)
     return options

@@ -11,6 +11,8 @@ from dcf_zenoh.run import Run
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from dcf_zenoh.oracle import Oracle
+
 
 def write_report(runs: Sequence[Run], folder: Path, *, animate: bool = False) -> list[Path]:
     """Draw all figures for which the runs have something to show; older ones in `folder` are replaced.
@@ -94,6 +96,32 @@ def write_sweep(rows: Sequence[Mapping[str, Any]], axes: Mapping[str, Sequence[s
     try:
         with rc_context(STYLE):
             return _save(sweep(rows, axes), folder, "sweep")
+    except OSError as error:
+        raise RecordingError(f"{error.filename or folder}: cannot be written: {error.strerror}") from error
+
+
+def write_oracle(runs: Sequence[Run], judged: "Sequence[Oracle]", folder: Path) -> list[Path]:
+    """Draw runs beside their central solutions, as ``oracle.png`` and ``oracle.pdf``.
+
+    Args:
+        runs: Shown side by side.
+        judged: What the oracle says of each.
+        folder: Where.
+
+    Returns:
+        The files written; none if no step could be compared.
+
+    Raises:
+        RecordingError: `folder` cannot be written.
+    """
+    from matplotlib import rc_context  # noqa: PLC0415
+
+    from agentd.figures.oracle import oracle  # noqa: PLC0415
+    from agentd.figures.style import STYLE  # noqa: PLC0415
+
+    try:
+        with rc_context(STYLE):
+            return _save(oracle(runs, judged), folder, "oracle")
     except OSError as error:
         raise RecordingError(f"{error.filename or folder}: cannot be written: {error.strerror}") from error
 

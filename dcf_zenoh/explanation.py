@@ -183,7 +183,7 @@ def explain(run: Run) -> Explanation:
     values = _values(run)
     step, place = map(int, np.unravel_index(values.argmin(), values.shape))
     pair = list(combinations(run.agents, 2))[place]
-    graph = graph_of(LoadedFleet(run.fleet, run.folder or Path(), run.name))
+    graph = graph_of(LoadedFleet(run.fleet, run.home, run.name))
     path = _path(graph, *pair), _path(graph, *reversed(pair))
     health = link_health(run)
     ways = {hop for way in path for hop in pairwise(way)}
@@ -223,15 +223,15 @@ def _falsified(run: Run, graph: Graph, steps: Iterable[int]) -> dict[str, int]:
                     begin, end = window_of(rule)
                     if rule.covers(sender, receiver) and begin <= instant < end:
                         acting.update(rule.faults)
-                names |= {name for name, fault in acting.items() if fault and _falsifies(fault.kind, run.folder)}
+                names |= {name for name, fault in acting.items() if fault and _falsifies(fault.kind, run.home)}
             found.update(names)
     return dict(sorted(found.items()))
 
 
-def _falsifies(kind: str, folder: Path | None) -> bool:
+def _falsifies(kind: str, folder: Path) -> bool:
     """Whether a fault stands where payloads are changed; not if it is not there any more to be looked at."""
     try:
-        stage = getattr(load("faults", kind, folder or Path()), "STAGE", None)
+        stage = getattr(load("faults", kind, folder), "STAGE", None)
     except PluginError:
         return False
     return stage in (Stage.SENDER, Stage.PAYLOAD)

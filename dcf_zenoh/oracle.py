@@ -2,12 +2,12 @@
 
 The solver is OSQP, on the shares of all agents in one place (`dcf_zenoh.problems.central`); it has nothing in common
 with the distributed algorithms. The problem of a step is the one that the agents would have posed had each known the
-recorded states of all, and its answer the least sum of costs, or the variational equilibrium of a game.
+recorded states of all, and its answer the least sum of costs, or the variational equilibrium of a game. Where agents
+made detours, they are made here too: the oracle judges what was solved, not where it led.
 """
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,7 +16,8 @@ from threadpoolctl import threadpool_limits
 from dcf_zenoh.agent_log import AgentLog, Integers
 from dcf_zenoh.config import LoadedFleet, load
 from dcf_zenoh.configuration.parts import problem_of
-from dcf_zenoh.controllers.receding_horizon import ModelledProblem
+from dcf_zenoh.controllers.detour import Detour
+from dcf_zenoh.controllers.receding_horizon import AimedProblem, ModelledProblem
 from dcf_zenoh.errors import AlgorithmError
 from dcf_zenoh.plant import Array, Setpoint, State, read_only
 from dcf_zenoh.problems.central import solve_together
@@ -60,10 +61,11 @@ class Oracle:
             "gap": spread_of(self.gap[np.isfinite(self.gap)]),
             "plan_gap": spread_of(self.plan_gap[np.isfinite(self.plan_gap)]),
             "violation": float(violation.max()) if violation.size else None,
+            "residual": spread_of(self.residual[np.isfinite(self.residual)]),
         }
 
 
-_STAGES = 100
+STAGES_MAX = 100  # of a plan that are compared
 
 
 class NoOracle(AlgorithmError):
@@ -83,21 +85,23 @@ def consult(run: Run) -> Oracle:
         NoOracle: The problem has no method `share`.
         DcfError: The fleet file or a plug-in cannot be loaded.
     """
-    fleet = LoadedFleet(run.fleet, Path(), run.name) if run.folder is None else load(run.folder / "fleet.toml")
+    fleet = LoadedFleet(run.fleet, run.home, run.name) if run.folder is None else load(run.folder / "fleet.toml")
     problems = {i: problem_of(fleet.spec, fleet.folder, i) for i in fleet.spec.ids}
+    detours = _Detours(run, problems)
     steps = np.unique(np.concatenate([log.step for log in run.agents.values()]))
     shape = len(steps), len(problems)
     gap, plan_gap, residual = (np.full(shape, np.nan) for _ in range(3))
     violation, unsolved = np.full(len(steps), np.nan), dict[int, str]()
     with threadpool_limits(1):
         for row, step in enumerate(steps.tolist()):
+            aims = detours.at(step)
             taken = {i: found for i, log in run.agents.items() if (found := _row(log, step)) is not None}
             for column, i in enumerate(problems):
                 residual[row, column] = run.agents[i].residual[taken[i]] if i in taken else np.nan
             if absent := [i for i in problems if i not in taken]:
                 unsolved[step] = f"took no part: {', '.join(map(str, absent))}"
                 continue
-            posed = _posed(run, problems, taken)
+            posed = _posed(run, {i: _toward(problem, aims.get(i)) for i, problem in problems.items()}, taken)
             shares = {i: _share(each) for i, each in posed.items()}
             decisions = {i: run.agents[i].decision[taken[i]][: len(share.g)] for i, share in shares.items()}
             violation[row] = _violation(shares, decisions)
@@ -147,6 +151,39 @@ def _ahead(problem: Any, log: AgentLog, row: int, delay: float) -> Array:
     return state_ahead(state, flown, delay, None)
 
 
+class _Detours:
+    """Where each agent aimed, step by step; see `Detour`.
+
+    Args:
+        run: Of its controllers' options.
+        problems: Of all agents.
+    """
+
+    def __init__(self, run: Run, problems: Mapping[int, Any]) -> None:
+        options = run.fleet.controller_kind.options
+        aimed = {i: each for i, each in problems.items() if isinstance(each, AimedProblem)}
+        self._run, self._delay = run, options.get("predict_delay", 0.0)
+        self._problems = aimed if options.get("detour") else {}
+        self._known: dict[int, Detour] = {}
+
+    def at(self, step: int) -> dict[int, Array]:
+        """Agent -> its aim in `step`; to be asked once for every step, in order."""
+        aims = {}
+        for i, problem in self._problems.items():
+            log = self._run.agents[i]
+            rows = np.flatnonzero(log.step == step)
+            if not rows.size:
+                self._known.pop(i, None)  # it was dead, and begins anew
+                continue
+            detour = self._known.setdefault(i, Detour(problem.target, self._run.fleet.time.sample_time))
+            aims[i] = detour.aim(_ahead(problem, log, int(rows[-1]), self._delay))
+        return aims
+
+
+def _toward(problem: Any, aim: Array | None) -> Any:
+    return problem if aim is None else problem.toward(aim)
+
+
 def _setpoint(row: Array) -> Setpoint:
     """A setpoint as it was recorded."""
     position, velocity, acceleration = (part[np.isfinite(part)] for part in np.split(row, 3))
@@ -162,7 +199,7 @@ def _share(posed: Any) -> Share:
 def _plan_gap(posed: Any, decision: Array, answer: Array) -> float:
     """How far apart two decisions would bring the body, m; NaN if they plan no motion."""
     plan, most, stage = getattr(posed, "setpoint", lambda _decision, _stage: None), np.nan, 0
-    while stage < _STAGES and (one := plan(decision, stage)) and (other := plan(answer, stage)):
+    while stage < STAGES_MAX and (one := plan(decision, stage)) and (other := plan(answer, stage)):
         most = np.fmax(most, np.linalg.norm(one.position - other.position))
         stage += 1
     return float(most)
@@ -170,10 +207,11 @@ def _plan_gap(posed: Any, decision: Array, answer: Array) -> float:
 
 def _violation(shares: Mapping[int, Share], decisions: Mapping[int, Array]) -> float:
     """The distance of all decisions, as one vector, to the half space or plane of the constraint violated most."""
-    bounds = [np.maximum(each.lower - decisions[i], decisions[i] - each.upper) for i, each in shares.items()]
-    excess = np.sum([each.A @ decisions[i] - each.b for i, each in shares.items() if each.b.size], axis=0)
-    steepness = np.sqrt(np.sum([(each.A**2).sum(axis=1) for each in shares.values() if each.b.size], axis=0))
-    if any(np.any(each.equality) for each in shares.values()):
-        excess = abs(excess)
-    rows = np.atleast_1d(excess)[np.atleast_1d(steepness) > 0] / np.atleast_1d(steepness)[np.atleast_1d(steepness) > 0]
-    return float(max(0.0, *(part.max(initial=0.0) for part in (*bounds, rows))))
+    beyond = [np.maximum(each.lower - decisions[i], decisions[i] - each.upper) for i, each in shares.items()]
+    coupled = {i: each for i, each in shares.items() if each.b.size}
+    if coupled:
+        excess = np.sum([each.A @ decisions[i] - each.b for i, each in coupled.items()], axis=0)
+        steepness = np.sqrt(np.sum([(each.A**2).sum(axis=1) for each in coupled.values()], axis=0))
+        equations = any(each.equality for each in coupled.values())
+        beyond.append((abs(excess) if equations else excess)[steepness > 0] / steepness[steepness > 0])
+    return max(0.0, *(float(part.max(initial=0.0)) for part in beyond))

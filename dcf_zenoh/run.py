@@ -35,12 +35,14 @@ class Run:
         fleet: The resolved fleet.
         agents: Id -> log, ascending.
         folder: The run directory; None for a run that was only kept in memory.
+        home: What the paths in the fleet are relative to.
     """
 
     name: str
     fleet: FleetSpec
     agents: Mapping[int, AgentLog]
     folder: Path | None = None
+    home: Path = Path()
 
     @classmethod
     def read(cls, folder: str | Path) -> "Run":
@@ -70,7 +72,7 @@ class Run:
                 log.warning("%s", error)
         if not logs:
             raise RecordingError("; ".join(problems))
-        return cls(folder.resolve().name, fleet, logs, folder)
+        return cls(folder.resolve().name, fleet, logs, folder, folder)
 
     @property
     def about(self) -> Mapping[str, Any]:

@@ -71,7 +71,8 @@ def simulate(
     if out is not None:
         return Run.read(out)
     memory = {agent: stream.getvalue() for agent, stream in streams.items() if isinstance(stream, BytesIO)}
-    return Run(name, fleet.spec, {agent: AgentLog.read(data, f"agent {agent}") for agent, data in memory.items()})
+    logs = {agent: AgentLog.read(data, f"agent {agent}") for agent, data in memory.items()}
+    return Run(name, fleet.spec, logs, home=fleet.folder)
 
 
 class _Actor:
