@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from agentd.figures.style import agent_style
+from agentd.figures.style import RED, agent_style
 
 Rows = Sequence[Mapping[str, Any]]
 PANELS = {  # column -> label
@@ -43,8 +43,15 @@ def sweep(rows: Rows, axes: Mapping[str, Sequence[str]]) -> Figure | None:
             of_line = [row for row in finished if wanted.items() <= row.items()]
             _line(panel, of_line, across, name, ", ".join(chosen) or "median", place)
         panel.set(xlabel=across, ylabel=PANELS[name])
+        if name == "min_barrier":
+            panel.axhline(0, color=RED, linewidth=1.2)
+        elif name != "arrived":
+            panel.set_ylim(bottom=0)
     handles, labels = panels[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=min(4, len(labels)))
+    title = f"{', '.join(others)}:" if others else None
+    figure.legend(
+        handles, labels, title=title, title_fontsize=9.5, loc="outside lower center", ncols=min(4, len(labels))
+    )
     return figure
 
 
