@@ -1,6 +1,7 @@
 """Same seed, same bits: in the simulator in any order of agents, and in daemons over Zenoh, on any topology."""
 
 import json
+import os
 import random
 import subprocess
 import sys
@@ -188,3 +189,44 @@ def test_another_seed_is_another_run_only_where_chance_plays(tmp_path: Path) -> 
     kind = f"{tmp_path}/coin.py:coin"
     digests = [dcf_zenoh.simulate("average", algorithm=kind, seed=seed).digest for seed in (1, 1, 2)]
     assert digests[0] == digests[1] != digests[2]
+
+
+LARGE = """
+import numpy as np
+def large(problem, me):
+    rng = np.random.default_rng(me.id)
+    a, x = rng.normal(size=(600, 600)) / 600, rng.normal(size=(600, 40))
+    while True:
+        inbox = yield {"x": x}, 1.0
+        x = a @ x + me.mix(inbox, "x")
+        if inbox.stop:
+            return me.result(x.sum(axis=1))
+"""
+
+
+LARGE_FLEET = """
+name = "large"
+problem = { kind = "average", value = 1.0 }
+algorithm = { kind = "./large.py:large" }
+topology = { kind = "ring" }
+exchange = { max_rounds = 12 }
+agents = { 1 = {}, 2 = {}, 3 = {} }
+"""
+
+
+@pytest.mark.parametrize("fleet", ["position_swap", "lasso", "large"])
+def test_threads_of_the_linear_algebra_change_nothing(fleet: str, tmp_path: Path) -> None:
+    (tmp_path / "large.py").write_text(LARGE)  # matrices for which OpenBLAS uses all its threads
+    (tmp_path / "large.toml").write_text(LARGE_FLEET)
+    which = [str(tmp_path / "large.toml")] if fleet == "large" else [fleet, "--set", "time.duration=1.0"]
+    digests = set()
+    for threads in ("1", "4"):
+        names = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
+        settings = os.environ | dict.fromkeys(names, threads)
+        for how in (["simulate"], ["launch", "--clock", "virtual"]):
+            out = str(tmp_path / f"{how[0]}-{threads}")
+            command = [sys.executable, "-m", "agentd", *how, *which, "--json", "--no-report", "--out", out]
+            done = subprocess.run(command, capture_output=True, text=True, timeout=100, check=False, env=settings)
+            assert done.returncode == 0, done.stderr
+            digests.add(json.loads(done.stdout)["digest"])
+    assert len(digests) == 1
