@@ -11,6 +11,7 @@ GAIN = 0.05  # m that an agent must come nearer to its target ...
 WATCHED = 1.0  # s in which it must
 FAR = 0.1  # m from the target; nearer, nobody is stuck
 TURN = math.radians(60)
+OTHER_WAY = 3  # every so many detours of an agent go to the right
 LASTS = 4.0  # s
 
 
@@ -20,7 +21,8 @@ class Detour:
     An agent is stuck that has come less than `GAIN` nearer to its target in the last `WATCHED`, and is farther than
     `FAR` from it. For `LASTS` it aims where its target would be if the plane were turned by `TURN` about the agent, to
     the left, from wherever it is then. All turn the same way, so that agents in a knot go round each other as on a
-    roundabout. No agent needs to know of another's detour; the constraints they share are what they were. At its first
+    roundabout. Where two that are almost there must change sides the short way is to the right, so every third detour of
+    an agent goes there. No agent needs to know of another's detour; the constraints they share are what they were. At its first
     step an agent has come no nearer yet, and counts as stuck: a fleet starts with a roundabout.
 
     Args:
@@ -59,7 +61,8 @@ class Detour:
             self.begun += 1
         if not self._left:
             return self._target
-        cos, sin = math.cos(TURN), math.sin(TURN)
+        turn = TURN if self.begun % OTHER_WAY else -TURN
+        cos, sin = math.cos(turn), math.sin(turn)
         aside: Array = position + np.array([[cos, -sin], [sin, cos]]) @ way
         return aside
 
