@@ -191,6 +191,18 @@ def test_a_frozen_daemon_does_not_keep_the_launcher_from_ending_when_the_others_
         assert {run.agents[i].stopped_by[-1] for i in (1, 3)} == {"abstained"}
 
 
+def test_those_who_fly_on_without_a_frozen_daemon_end_as_planned(tmp_path: Path) -> None:
+    changes = ["time.duration=4.0", "time.arrived.within=1e-9"]
+    hurry = "import agentd.fleet as f; f.LINGER = f.TERM = 0.5"
+    with Launch("position_swap_lossy", tmp_path / "run", *changes, before=hurry) as launch:
+        os.kill(launch.flying()[2], signal.SIGSTOP)
+        assert launch.end(60.0) == 1
+        run = Run.read(launch.folder)
+        assert run.about["exit_codes"] == {"1": 0, "2": -9, "3": 0, "4": 0}
+        assert [log.end and log.end["end"] for log in run.agents.values()] == ["done", None, "done", "done"]
+        assert {(launch.folder / f"agent-{i}.err").read_text() for i in (1, 3, 4)} == {""}
+
+
 def test_a_daemon_that_freezes_before_the_start_does_not_keep_the_launcher_from_ending(
     trio: Path, tmp_path: Path
 ) -> None:
