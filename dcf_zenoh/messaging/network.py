@@ -36,9 +36,10 @@ HELLO_PERIOD = 0.02  # s between hellos to a neighbour that has not answered
 LATECOMERS = 1.0  # s that an agent which was started again gives its other neighbours after the first has answered
 CHANNEL_SIZE = 4096  # messages of one neighbour that can wait; a full channel holds the sender up
 WAKE = os.urandom(16)  # what a channel delivers in place of a message when it is time to wake up
-# One runtime thread for what would be four: fewer hand-overs between sending and receiving (docs/performance.md).
+# Two runtime threads for what would be five: fewer hand-overs between sending and receiving (docs/performance.md). With
+# one alone, a link that is given up while something is unsent (TCP lingers for 10 s) would hold all others up.
 os.environ.setdefault(
-    "ZENOH_RUNTIME", "(app: (worker_threads: 1), rx: (handover: app), net: (handover: app), acc: (handover: app))"
+    "ZENOH_RUNTIME", "(app: (worker_threads: 2), rx: (handover: app), net: (handover: app), acc: (handover: app))"
 )
 
 
@@ -144,6 +145,8 @@ class Network:
         hood: Whom it hears and who hears it.
         address: Keys and endpoints.
         urgent: Sees what operators ask for at once, in a thread of Zenoh's: it must neither wait nor publish.
+        hurried: What finds no room on its way to a neighbour, who is frozen or out of reach, is lost; else `publish` waits
+            for room, for some seconds.
 
     Raises:
         NetworkError: The endpoint is taken or malformed, or a setting is not Zenoh's.
@@ -155,11 +158,14 @@ class Network:
         hood: Neighbourhood,
         address: Address,
         urgent: Callable[[bytes], None] = lambda _request: None,
+        *,
+        hurried: bool = False,
     ) -> None:
         self._agent = agent
         self._linked = sorted({*hood.receives_from, *hood.sends_to})
         self._prefix = address.prefix
         self._urgent = urgent
+        self._when_full = zenoh.CongestionControl.DROP if hurried else zenoh.CongestionControl.BLOCK
         self._events: SimpleQueue[Event] = SimpleQueue()
         self._meeting: Meeting | None = None
         config = address.config()
@@ -311,7 +317,7 @@ class Network:
     def _declare_publisher(self, receiver: str) -> zenoh.Publisher:
         return self._session.declare_publisher(
             f"{self._prefix}/from/{self._agent}/to/{receiver}",
-            congestion_control=zenoh.CongestionControl.BLOCK,
+            congestion_control=self._when_full,
             express=True,
         )
 

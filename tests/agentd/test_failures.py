@@ -203,6 +203,24 @@ def test_those_who_fly_on_without_a_frozen_daemon_end_as_planned(tmp_path: Path)
         assert {(launch.folder / f"agent-{i}.err").read_text() for i in (1, 3, 4)} == {""}
 
 
+def test_a_frozen_daemon_does_not_cut_the_others_off_from_each_other(tmp_path: Path) -> None:
+    """What cannot be sent to it holds up neither the senders, nor Zenoh when it gives the link up after the lease."""
+    changes = [
+        "time.duration=6.0",
+        "time.arrived.within=1e-9",
+        "zenoh.settings.transport/link/tx/lease=1000",
+        "zenoh.settings.transport/link/tcp/so_rcvbuf=4096",
+        "zenoh.settings.transport/link/tcp/so_sndbuf=4096",
+    ]
+    hurry = "import agentd.fleet as f; f.LINGER = f.TERM = 0.5"
+    with Launch("position_swap_lossy", tmp_path / "run", *changes, before=hurry) as launch:
+        os.kill(launch.flying()[2], signal.SIGSTOP)
+        launch.end(60.0)
+        run = Run.read(launch.folder)
+        said = [remark for i in (1, 3, 4) for remark in run.agents[i].remarks if remark]
+        assert {int(word) for remark in said for word in re.findall(r"neighbour (\d) is", remark)} == {2}
+
+
 def test_a_daemon_that_freezes_before_the_start_does_not_keep_the_launcher_from_ending(
     trio: Path, tmp_path: Path
 ) -> None:
