@@ -145,8 +145,8 @@ class Network:
         hood: Whom it hears and who hears it.
         address: Keys and endpoints.
         urgent: Sees what operators ask for at once, in a thread of Zenoh's: it must neither wait nor publish.
-        hurried: What finds no room on its way to a neighbour, who is frozen or out of reach, is lost; else `publish` waits
-            for room, for some seconds.
+        hurried: What finds no room on its way to a neighbour, frozen or out of reach, is lost; else `publish` waits for
+            room, for some seconds.
 
     Raises:
         NetworkError: The endpoint is taken or malformed, or a setting is not Zenoh's.
