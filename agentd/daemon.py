@@ -80,15 +80,9 @@ def run_agent(fleet: LoadedFleet, task: Assignment) -> Last:
     life = last_life(task.folder, task.agent) if task.rejoin else None
     incarnation = life.incarnation if life else 0
     emergency = EmergencyStop()
-    wall = fleet.spec.time.clock == "wall"
-
-    def heed(request: bytes) -> None:
-        if request == HALT:
-            emergency.pull()
-
     with (
         open_log(task.folder, task.agent, again=task.rejoin) as stream,
-        Network(task.agent, hood, address, heed, hurried=wall) as network,
+        Network(task.agent, hood, address, lambda request: emergency.pull() if request == HALT else None) as network,
         listening(network, emergency, supervised=task.status is not None),
     ):
         if task.agreed:
@@ -96,7 +90,7 @@ def run_agent(fleet: LoadedFleet, task: Assignment) -> Last:
         offsets = network.meet(fingerprint(fleet), fleet.spec.zenoh.ready_timeout, incarnation)
         if life and not network.start:
             raise NetworkError(f"agent {task.agent}: --rejoin: this fleet has not started yet")
-        _check_offsets(task.agent, offsets, wall=wall)
+        _check_offsets(task.agent, offsets, wall=fleet.spec.time.clock == "wall")
         about = {
             "run": task.run,
             "incarnation": incarnation,

@@ -145,8 +145,6 @@ class Network:
         hood: Whom it hears and who hears it.
         address: Keys and endpoints.
         urgent: Sees what operators ask for at once, in a thread of Zenoh's: it must neither wait nor publish.
-        hurried: What finds no room on its way to a neighbour, frozen or out of reach, is lost; else `publish` waits for
-            room, for some seconds.
 
     Raises:
         NetworkError: The endpoint is taken or malformed, or a setting is not Zenoh's.
@@ -158,14 +156,11 @@ class Network:
         hood: Neighbourhood,
         address: Address,
         urgent: Callable[[bytes], None] = lambda _request: None,
-        *,
-        hurried: bool = False,
     ) -> None:
         self._agent = agent
         self._linked = sorted({*hood.receives_from, *hood.sends_to})
         self._prefix = address.prefix
         self._urgent = urgent
-        self._when_full = zenoh.CongestionControl.DROP if hurried else zenoh.CongestionControl.BLOCK
         self._events: SimpleQueue[Event] = SimpleQueue()
         self._meeting: Meeting | None = None
         config = address.config()
@@ -317,7 +312,7 @@ class Network:
     def _declare_publisher(self, receiver: str) -> zenoh.Publisher:
         return self._session.declare_publisher(
             f"{self._prefix}/from/{self._agent}/to/{receiver}",
-            congestion_control=self._when_full,
+            congestion_control=zenoh.CongestionControl.BLOCK,
             express=True,
         )
 
