@@ -20,6 +20,7 @@ class Daemon:
         process: The process.
         errors: File with its standard error.
         status: Last status line.
+        started: Whether it has said that the fleet has agreed on the start.
         code: Its exit code once it has ended; negative for a signal.
         reader: Reads the status lines.
     """
@@ -28,6 +29,7 @@ class Daemon:
     process: subprocess.Popen[str]
     errors: Path
     status: Mapping[str, Any] = field(default_factory=dict)
+    started: bool = False
     code: int | None = None
     reader: threading.Thread = field(init=False)
 
@@ -41,6 +43,7 @@ class Daemon:
         with self.process.stdout as lines:
             for line in lines:
                 self.status = {**self.status, **json.loads(line)}
+                self.started = self.started or self.status.get("phase") == "start"
 
     def tell(self, line: str) -> None:
         """Write a line to its standard input; one that has ended needs none."""

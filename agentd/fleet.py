@@ -133,7 +133,7 @@ def _supervise(
         problems: What went wrong.
         pilot: Looks after take-off and landing.
         reaction: What the others get to end by themselves after one has failed, s.
-        patient: The others go on after one has failed.
+        patient: The others go on after one has failed in flight.
 
     Returns:
         The signal that asked for the end, if one did.
@@ -155,7 +155,7 @@ def _supervise(
                     daemon.status = {**daemon.status, "ended": True}
                     text = f"agent {daemon.agent} {_death(daemon, now - began)}"
                     problems.add(text, effect=code == NEIGHBOUR_LOST)
-                if not (code and patient) or code == STOPPED:
+                if not (code and patient) or code == STOPPED or (code > 0 and not daemon.started):
                     give_up = min(give_up, now + (reaction if code else LINGER))
         pilot.look()
         if now - shown >= 0.1:

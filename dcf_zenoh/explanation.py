@@ -300,12 +300,10 @@ def _step_before(
 
 def _link_step(log: AgentLog, health: LinkHealth, step: int) -> LinkStep:
     lost: dict[str, list[int]] = {}
-    latencies = []
-    for each in (each for each in health.crossings if each.step == step):
-        if each.lost_by:
-            lost.setdefault(each.lost_by, []).append(each.round)
-        else:
-            latencies.append((each.due - each.entered) * 1e-9)
+    crossings = [each for each in health.crossings if each.step == step]
+    for each in (each for each in crossings if each.lost_by):
+        lost.setdefault(each.lost_by, []).append(each.round)
+    latencies = [each.latency for each in crossings if each.latency is not None]
     rows = np.flatnonzero(log.step == step)
     sent, _, late = health.per_step[step] if step < len(health.per_step) else (0, 0, 0)
     missing = log.links[health.sender][rows, 1].sum()

@@ -83,7 +83,7 @@ class Fate:
         if begin <= reply < end:
             self._pause = NEVER, NEVER
             if self._away is not None:
-                yield self._away(reply, end)
+                yield self._away(reply, min(end, self._crash_at))  # a crash ends the pause
             again = Activate(end, request.senders) if isinstance(request, Activate) else Wait(end)
             reply = yield from self._ask(again)
         return reply

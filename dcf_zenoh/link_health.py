@@ -34,6 +34,8 @@ class Crossing(NamedTuple):
         entered: When it entered the link; -1 if that is not known, because the network lost it.
         due: When it was there first; -1 if it was lost.
         copies: How often it came beyond the first time.
+        waited: Whether it was found when the receiver's loop woke up for a control step, on the wall clock: how long it
+            took to come is not known.
     """
 
     sequence: int
@@ -43,6 +45,12 @@ class Crossing(NamedTuple):
     entered: int
     due: int
     copies: int = 0
+    waited: bool = False
+
+    @property
+    def latency(self) -> float | None:
+        """How long it took to come, s; None where it did not, or where that is not known."""
+        return None if self.lost_by or self.waited else (self.due - self.entered) * 1e-9
 
 
 @dataclass(frozen=True)
@@ -153,6 +161,8 @@ def link_health(run: Run) -> tuple[LinkHealth, ...]:
 
 def _health(log: AgentLog, sender: int, sample_time: int, *, wall: bool) -> LinkHealth:
     crossings = tuple(_crossings(log, sender, wall=wall))
+    if wall:
+        crossings = tuple(each._replace(waited=_waited(each.due, log, sample_time)) for each in crossings)
     received, missing, late, lost = log.links[sender].T
     recorded = wall or bool(crossings)
     per_step = np.zeros((int(log.step[-1]) + 1, 3), dtype=np.int64)
@@ -163,8 +173,7 @@ def _health(log: AgentLog, sender: int, sample_time: int, *, wall: bool) -> Link
         per_step[each.step, 0] += 1
         per_step[each.step, 1] += bool(each.lost_by)
     came = [each for each in crossings if not each.lost_by]
-    timed = [each for each in came if not (wall and _waited(each.due, log, sample_time))]
-    latencies = [(each.due - each.entered) * 1e-9 for each in timed]
+    latencies = [each.latency for each in crossings if each.latency is not None]
     first, last = float(log.sensed[0]), float(log.acted[-1])
     instants = np.sort([first, *(each.due * 1e-9 for each in came if first < each.due * 1e-9 < last), last])
     ahead, error = _clock(log, sender) if wall else (None, None)

@@ -72,6 +72,25 @@ def test_the_order_of_resumption_does_not_matter_with_faults(mode: str, seed: in
     assert links(shuffled) == links(straight)
 
 
+def test_a_crash_in_a_pause_ends_it_whatever_the_order_of_resumption() -> None:
+    changes = [
+        "time.duration=1.6",
+        "exchange.mode='asynchronous'",
+        "exchange.compute_time=1e-4",
+        "agents.1.faults.pause=[0.3, 1.4]",
+        "agents.1.faults.crash.at=0.5",
+        "agents.1.faults.crash.restart_after=0.2",
+    ]
+    straight = dcf_zenoh.simulate("position_swap_lossy", changes=changes)
+    assert [k for k, how in enumerate(straight.agents[1].stopped_by) if how == "abstained"] == [1, 2, 3]
+    heard = [log.links[1][4:, 0].min() for i, log in straight.agents.items() if i != 1]
+    assert min(heard) > 0  # in every step from the restart on
+    for seed in range(3):
+        shuffled = dcf_zenoh.simulate("position_swap_lossy", changes=changes, choose=random.Random(seed).randrange)
+        assert shuffled.digest == straight.digest
+        assert links(shuffled) == links(straight)
+
+
 def test_an_agent_that_crashed_and_came_back_reaches_its_target() -> None:
     changes = ["agents.1.faults.crash.at=3.05", "agents.1.faults.crash.restart_after=2.0"]
     run = dcf_zenoh.simulate("position_swap_lossy", changes=changes)

@@ -26,7 +26,7 @@ def check_values(spec: FleetSpec, folder: Path, problems: Problems, *, run_plugi
         problems: What is wrong.
         run_plugins: Whether code of others may run.
     """
-    if problems.within("time"):
+    if problems.within("time") or problems.within("plant"):
         return
     sound = [i for i in spec.ids if not problems.within(f"agents.{i}")]
     for name, kind in spec.plants.items():
@@ -38,7 +38,7 @@ def check_values(spec: FleetSpec, folder: Path, problems: Problems, *, run_plugi
     if not problems.within("problem") and _may_be_made(spec, folder, run_plugins=run_plugins):
         refused = _refusals(sound, lambda agent: problem_of(spec, folder, agent))
         _note(refused, sound, [i for i in sound if spec.agents[i].problem], "problem", problems)
-        starts = {i: spec.agent(i).start for i in spec.ids}
+        starts = {i: spec.agents[i].start or () for i in spec.ids}
         if not refused and len(sound) == len(spec.ids) and all(starts.values()):
             _check_starts(problem_of(spec, folder, spec.ids[0]), starts, problems)
 

@@ -16,6 +16,7 @@ import os
 import re
 import time
 from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from math import inf
 from queue import Empty, SimpleQueue
@@ -35,9 +36,10 @@ HELLO_PERIOD = 0.02  # s between hellos to a neighbour that has not answered
 LATECOMERS = 1.0  # s that an agent which was started again gives its other neighbours after the first has answered
 CHANNEL_SIZE = 4096  # messages of one neighbour that can wait; a full channel holds the sender up
 WAKE = os.urandom(16)  # what a channel delivers in place of a message when it is time to wake up
-# One runtime thread for what would be four: fewer hand-overs between sending and receiving (docs/performance.md).
+# Two runtime threads for what would be five: fewer hand-overs between sending and receiving (docs/performance.md). With
+# one alone, a link that is given up while something is unsent (TCP lingers for 10 s) would hold all others up.
 os.environ.setdefault(
-    "ZENOH_RUNTIME", "(app: (worker_threads: 1), rx: (handover: app), net: (handover: app), acc: (handover: app))"
+    "ZENOH_RUNTIME", "(app: (worker_threads: 2), rx: (handover: app), net: (handover: app), acc: (handover: app))"
 )
 
 
@@ -190,7 +192,8 @@ class Network:
         self._waker.close()
         for channel in self._channels.values():  # a session with a full channel does not close
             channel.undeclare()  # type: ignore[no-untyped-call]
-        self._session.close()  # type: ignore[no-untyped-call]
+        with suppress(zenoh.ZError):  # who is frozen does not take what was sent last, and the session is gone anyway
+            self._session.close()  # type: ignore[no-untyped-call]
 
     def publish(self, message: Message, receiver: int | None = None, sent: int | None = None) -> None:
         """Send `message` to the out-neighbour `receiver`, or to all of them, stamped with `sent` if given."""

@@ -191,6 +191,58 @@ def test_a_frozen_daemon_does_not_keep_the_launcher_from_ending_when_the_others_
         assert {run.agents[i].stopped_by[-1] for i in (1, 3)} == {"abstained"}
 
 
+def test_those_who_fly_on_without_a_frozen_daemon_end_as_planned(tmp_path: Path) -> None:
+    changes = ["time.duration=4.0", "time.arrived.within=1e-9"]
+    hurry = "import agentd.fleet as f; f.LINGER = f.TERM = 0.5"
+    with Launch("position_swap_lossy", tmp_path / "run", *changes, before=hurry) as launch:
+        os.kill(launch.flying()[2], signal.SIGSTOP)
+        assert launch.end(60.0) == 1
+        run = Run.read(launch.folder)
+        assert run.about["exit_codes"] == {"1": 0, "2": -9, "3": 0, "4": 0}
+        assert [log.end and log.end["end"] for log in run.agents.values()] == ["done", None, "done", "done"]
+        assert {(launch.folder / f"agent-{i}.err").read_text() for i in (1, 3, 4)} == {""}
+
+
+def test_a_frozen_daemon_does_not_cut_the_others_off_from_each_other(tmp_path: Path) -> None:
+    """Zenoh gives a link up after the lease, and waits for what it could not send; so long nothing else may wait."""
+    changes = [
+        "time.duration=6.0",
+        "time.arrived.within=1e-9",
+        "zenoh.settings.transport/link/tx/lease=1000",
+        "zenoh.settings.transport/link/tcp/so_rcvbuf=4096",
+    ]
+    hurry = "import agentd.fleet as f; f.LINGER = f.TERM = 0.5"
+    with Launch("position_swap_lossy", tmp_path / "run", *changes, before=hurry) as launch:
+        os.kill(launch.flying()[2], signal.SIGSTOP)
+        launch.end(60.0)
+        run = Run.read(launch.folder)
+        said = [remark for i in (1, 3, 4) for remark in run.agents[i].remarks if remark]
+        assert {int(word) for remark in said for word in re.findall(r"neighbour (\d) is", remark)} == {2}
+
+
+def test_a_daemon_that_freezes_before_the_start_does_not_keep_the_launcher_from_ending(
+    trio: Path, tmp_path: Path
+) -> None:
+    (tmp_path / "frozen.py").write_text(
+        "import os, signal\n"
+        "from plants.point_mass import PointMass\n"
+        "class Frozen(PointMass):\n"
+        "    def prepare(self):\n"
+        "        os.kill(os.getpid(), signal.SIGSTOP)\n"
+    )
+    changes = [
+        f"plants.frozen.kind='{tmp_path}/frozen.py:Frozen'",
+        "agents.2.plant='frozen'",
+        "safety.neighbour_silent.then='continue'",
+        "zenoh.ready_timeout=2.0",
+    ]
+    hurry = "import agentd.fleet as f; f.REACTION = f.TERM = 0.5"
+    with Launch(trio, tmp_path / "run", *changes, before=hurry) as launch:
+        assert launch.end(40.0) == 1
+        assert re.search(r"agent 1 ended with exit code 1 .* before its first step: agent 1: .*\b2\b", launch.errors)
+        assert "agent 2 did not end within 0.5 s of SIGTERM: killed, before its first step" in launch.errors
+
+
 def test_a_killed_daemon_in_virtual_time_is_an_error_and_no_result(trio: Path, tmp_path: Path) -> None:
     before = shared_memory()
     with Launch(trio, tmp_path / "run", "time.clock='virtual'", "time.duration=1000.0") as launch:

@@ -102,3 +102,17 @@ def test_without_a_safety_region_the_distance_is_explained(tmp_path: Path) -> No
     assert found.quantity == "distance"
     assert found.value == run.distances.min()
     assert found.alternatives[0].value == pytest.approx(found.value, abs=5e-3)
+
+
+def test_messages_found_at_waking_up_have_no_latency_in_a_step_either(tmp_path: Path) -> None:
+    """On the wall clock; what an agent finds after a pause has waited for the agent, not for the network."""
+    run = named(tmp_path, "[[faults.rule]]\nfrom = 1\nto = 2\nlatency = 0.001\n")
+    wall = run.fleet.model_copy(update={"time": run.fleet.time.model_copy(update={"clock": "wall"})})
+    log, step = run.agents[2], explain(run).before[0].step
+    woke = (step + 1) * 200_000_000
+    passed = tuple(each._replace(due=woke) if each.step == step and each.round else each for each in log.passed)
+    sensed = log.sensed.copy()
+    sensed[step + 1] = woke * 1e-9
+    found = explain(replace(run, fleet=wall, agents={**run.agents, 2: replace(log, passed=passed, sensed=sensed)}))
+    (there,) = (each for each in found.before[0].links if (each.sender, each.receiver) == (1, 2))
+    assert there.latency == pytest.approx(0.001)  # of the first round alone

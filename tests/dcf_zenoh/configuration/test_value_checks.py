@@ -89,3 +89,8 @@ def test_a_problem_of_ones_own_can_look_at_all_starts(file: Path) -> None:
     edit(file, "start = [1.0, 0.0]", "start = [1.5, 0.0]")
     assert found("agents.1.problem.radius=1.2", source=file) == ["agents.3.start: expected within 1.2 m"]
     load(file, run_plugins=False)  # which runs no code of others
+
+
+@pytest.mark.parametrize("key", ["plant", "agents.2.plant"])
+def test_without_a_plant_of_that_name_nothing_is_made(key: str) -> None:
+    assert found(f"{key}=mine") == [f"{key}: there is no [plants.mine]; there are: point, twin, hardware, emulated"]
