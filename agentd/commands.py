@@ -295,7 +295,7 @@ def links(options: Namespace) -> int:
     from dcf_zenoh.faults.profile import write_profile  # noqa: PLC0415
     from dcf_zenoh.link_health import link_health  # noqa: PLC0415
 
-    found = Run.read(options.run)
+    found = _read(options.run)
     health = link_health(found)
     if options.export is not None:
         profiles = [profile for each in health if (profile := each.profile)]
@@ -307,6 +307,8 @@ def links(options: Namespace) -> int:
             raise RecordingError(f"{options.export}: cannot be written: {error.strerror}") from error
         print(f"agentd: {options.export}: profile of {len(profiles)} of {len(health)} links", file=sys.stderr)
         print("agentd: a fleet file looks for it beside itself, unless its path is absolute", file=sys.stderr)
+        if any(rule.faults for rule in found.fleet.faults.rules):
+            print("agentd: this run had faults of its own: put the lines in place of them", file=sys.stderr)
     if options.json:
         print(json.dumps(links_object(found, health)), file=options.output)
     elif options.export is not None:
@@ -330,7 +332,7 @@ def why(options: Namespace) -> int:
     from agentd.why import why_lines  # noqa: PLC0415
     from dcf_zenoh.explanation import explain  # noqa: PLC0415
 
-    found = Run.read(options.run)
+    found = _read(options.run)
     for line in why_lines(found, explain(found)):
         print(line, file=options.output)
     return 0
@@ -399,6 +401,14 @@ def _load(options: Namespace, *, run_plugins: bool = True) -> LoadedFleet:
     for note in fleet.notes:
         print(f"agentd: note: {note}", file=sys.stderr)
     return fleet
+
+
+def _read(folder: Path) -> Run:
+    """A run; what is missing of it goes to standard error."""
+    found = Run.read(folder)
+    for gap in found.gaps:
+        print(f"agentd: note: {gap}", file=sys.stderr)
+    return found
 
 
 def _finish(run: Run, options: Namespace) -> None:

@@ -27,6 +27,7 @@ from dcf_zenoh.requests import Report
 
 log = logging.getLogger(__name__)
 GOODBYE_TIMEOUT = 2.0  # s to wait for the neighbours' goodbyes
+HELD_UP = 0.5  # s that sending may wait for a neighbour that takes nothing, on the wall clock
 CLOCK_OFFSET_MAX = 0.02  # s between two machines on the wall clock
 
 
@@ -76,6 +77,7 @@ def run_agent(fleet: LoadedFleet, task: Assignment) -> Last:
         listen=task.endpoints[task.agent],
         connect=endpoints_to_connect(task.agent, linked, task.endpoints),
         settings=fleet.spec.zenoh.settings,
+        patience=HELD_UP if fleet.spec.time.clock == "wall" else fleet.spec.zenoh.silence_timeout,
     )
     life = last_life(task.folder, task.agent) if task.rejoin else None
     incarnation = life.incarnation if life else 0

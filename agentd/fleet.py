@@ -90,7 +90,9 @@ def launch(fleet: LoadedFleet, folder: Path, show: Show, say: Say, *, yes: bool 
         "endpoints": free_endpoints(fleet.spec),
     }
     write_about(folder, about)
-    patient = fleet.spec.time.clock == "wall" and fleet.spec.safety.neighbour_silent.then in ("hold", "continue")
+    reaction = patience = REACTION + landing
+    if fleet.spec.time.clock == "wall" and fleet.spec.safety.neighbour_silent.then in ("hold", "continue"):
+        patience = fleet.spec.time.duration + landing + LINGER
     daemons: dict[int, Daemon] = {}
     problems = Problems(say)
     interrupted: signal.Signals | None = None
@@ -99,9 +101,7 @@ def launch(fleet: LoadedFleet, folder: Path, show: Show, say: Say, *, yes: bool 
             for agent in frozen.spec.ids:
                 daemons[agent] = spawn(folder, agent)
             pilot = Pilot(daemons, keys, say, real=real, yes=yes)
-            interrupted = _supervise(
-                daemons, asked, show, problems, pilot, reaction=REACTION + landing, patient=patient
-            )
+            interrupted = _supervise(daemons, asked, show, problems, pilot, reaction=reaction, patience=patience)
         finally:
             _end(daemons, problems, TERM + landing)
             about["ended"] = datetime.now(UTC).isoformat()
@@ -122,7 +122,7 @@ def _supervise(
     pilot: Pilot,
     *,
     reaction: float,
-    patient: bool,
+    patience: float,
 ) -> signal.Signals | None:
     """Watch until all daemons have ended, or until it is time to end them; note what went wrong.
 
@@ -133,7 +133,7 @@ def _supervise(
         problems: What went wrong.
         pilot: Looks after take-off and landing.
         reaction: What the others get to end by themselves after one has failed, s.
-        patient: The others go on after one has failed in flight.
+        patience: The same after one has failed in flight, s: as long as the flight may take if the others go on.
 
     Returns:
         The signal that asked for the end, if one did.
@@ -155,8 +155,9 @@ def _supervise(
                     daemon.status = {**daemon.status, "ended": True}
                     text = f"agent {daemon.agent} {_death(daemon, now - began)}"
                     problems.add(text, effect=code == NEIGHBOUR_LOST)
-                if not (code and patient) or code == STOPPED or (code > 0 and not daemon.started):
-                    give_up = min(give_up, now + (reaction if code else LINGER))
+                in_flight = code != STOPPED and (code < 0 or daemon.started)
+                rest = LINGER if not code else patience if in_flight else reaction
+                give_up = min(give_up, now + rest)
         pilot.look()
         if now - shown >= 0.1:
             shown = now

@@ -184,6 +184,17 @@ class Run:
         return total.hexdigest()
 
     @property
+    def gaps(self) -> list[str]:
+        """Agents of which something is missing: no log, or one that breaks off. Empty if the run is `complete`."""
+        absent = [f"agent {i} has no log that can be read" for i in self.fleet.ids if i not in self.agents]
+        broken = [
+            f"agent {i}'s log breaks off after {f'step {log.step[-1]}' if len(log.step) else 'nothing'}"
+            for i, log in self.agents.items()
+            if log.end is None
+        ]
+        return absent + broken
+
+    @property
     def complete(self) -> bool:
         """Whether every agent recorded its end."""
         return len(self.agents) == len(self.fleet.agents) and all(log.end for log in self.agents.values())

@@ -27,6 +27,7 @@ IN_REAL_TIME = (
     "plants/test_crazyflie_pose.py",
     "test_hardware_fleet.py",
     "test_kernel.py",
+    "test_lossy_flight.py",
 )
 
 

@@ -21,9 +21,9 @@ class Detour:
     An agent is stuck that has come less than `GAIN` nearer to its target in the last `WATCHED`, and is farther than
     `FAR` from it. For `LASTS` it aims where its target would be if the plane were turned by `TURN` about the agent, to
     the left, from wherever it is then. All turn the same way, so that agents in a knot go round each other as on a
-    roundabout. Where two that are almost there must change sides the short way is to the right, so every third detour of
-    an agent goes there. No agent needs to know of another's detour; the constraints they share are what they were. At its first
-    step an agent has come no nearer yet, and counts as stuck: a fleet starts with a roundabout.
+    roundabout. Where two that are almost there must change sides the short way is to the right, so every third detour
+    of an agent goes there. No agent needs to know of another's detour; the constraints they share are what they were.
+    At its first step an agent has come no nearer yet, and counts as stuck: a fleet starts with a roundabout.
 
     Args:
         target: Where the agent wants to be, shape (2,), m.

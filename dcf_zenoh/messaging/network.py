@@ -85,12 +85,14 @@ class Address:
         listen: Endpoint this agent listens on; empty: nobody connects to it.
         connect: Endpoints it connects to.
         settings: Zenoh configuration keys as paths, with their values; they go over our own.
+        patience: So long, in s, sending may wait for room on the way to one neighbour; then that link is given up.
     """
 
     prefix: str
     listen: str
     connect: tuple[str, ...]
     settings: Mapping[str, Any]
+    patience: float = 5.0
 
     def config(self) -> zenoh.Config:
         """The session's configuration: direct links by explicit endpoints, no scouting of any kind.
@@ -107,6 +109,7 @@ class Address:
             "open/return_conditions": {"connect_scouted": False, "declares": False},
             "scouting/multicast/enabled": False,
             "scouting/gossip/enabled": False,
+            "transport/link/tx/queue/congestion_control/block/wait_before_close": round(self.patience * 1e6),
             "transport/shared_memory/enabled": False,  # whoever is killed would leave a file in /dev/shm
         }
         for key, value in {**ours, **self.settings}.items():

@@ -220,6 +220,23 @@ def test_a_frozen_daemon_does_not_cut_the_others_off_from_each_other(tmp_path: P
         assert {int(word) for remark in said for word in re.findall(r"neighbour (\d) is", remark)} == {2}
 
 
+def test_a_neighbour_that_takes_nothing_holds_up_the_others_for_a_moment_only(tmp_path: Path) -> None:
+    changes = [
+        "time.duration=8.0",
+        "time.arrived.within=1e-9",
+        "zenoh.settings.transport/link/tcp/so_rcvbuf=4096",
+        "zenoh.settings.transport/link/tcp/so_sndbuf=4096",
+    ]
+    hurry = "import agentd.fleet as f; f.LINGER = f.TERM = 0.5"
+    with Launch("position_swap_lossy", tmp_path / "run", *changes, before=hurry) as launch:
+        os.kill(launch.flying()[2], signal.SIGSTOP)
+        launch.end(60.0)
+        run = Run.read(launch.folder)
+        for i in (1, 3, 4):
+            assert len(run.agents[i].step) >= 30
+            assert np.diff(run.agents[i].sensed).max() < 2.0  # s; Zenoh itself would wait for 5
+
+
 def test_a_daemon_that_freezes_before_the_start_does_not_keep_the_launcher_from_ending(
     trio: Path, tmp_path: Path
 ) -> None:

@@ -60,3 +60,16 @@ def test_payloads_that_were_changed_are_a_cause(tmp_path: Path) -> None:
     lines = text(run).splitlines()
     assert "Payloads were changed on the way: 'noise' acts on 12 links." in lines
     assert lines[-1].startswith("With a perfect network")
+
+
+def test_what_is_missing_of_a_run_is_said(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    folder = tmp_path / "run"
+    dcf_zenoh.simulate("position_swap", changes=["time.duration=3.0"], out=folder)
+    whole = (folder / "agent-2.msgpack").read_bytes()
+    (folder / "agent-2.msgpack").write_bytes(whole[: len(whole) // 2])
+    (folder / "agent-3.msgpack").unlink()
+    for command in ("why", "links"):
+        assert main([command, str(folder)]) == 0
+        said = capfd.readouterr().err.splitlines()
+        assert said[0] == "agentd: note: agent 3 has no log that can be read"
+        assert re.fullmatch(r"agentd: note: agent 2's log breaks off after step \d", said[1])
