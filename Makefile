@@ -13,8 +13,8 @@ test: $(READY)  ## every check
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
-	$(BIN)/python -m pytest --numprocesses 2 --dist worksteal -m 'not real_time'
-	$(BIN)/python -m pytest -m real_time
+	$(BIN)/python -m pytest --numprocesses 2 --dist worksteal --durations 10 -m 'not real_time'
+	$(BIN)/python -m pytest --durations 20 -m real_time
 
 bench: $(READY)  ## ratios against a bare Zenoh loop and the bare generators
 	$(BIN)/python benchmarks/rounds.py

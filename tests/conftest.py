@@ -1,5 +1,6 @@
 """What all tests have in common."""
 
+import gc
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -29,6 +30,11 @@ IN_REAL_TIME = (
     "test_kernel.py",
     "test_lossy_flight.py",
 )
+
+
+def pytest_collection_finish() -> None:
+    """Spare the garbage collector all that is imported by now: simulations are a tenth faster."""
+    gc.freeze()
 
 
 def pytest_collection_modifyitems(items: Iterable[pytest.Item]) -> None:
