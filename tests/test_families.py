@@ -67,7 +67,7 @@ from dcf_zenoh.problems.resource_allocation import ResourceAllocation
 ROUNDS = 12
 MEAN = ("average_consensus", "push_sum")
 SHARED = ("dual_subgradient", "tracking_admm")
-COUPLED = ("trades", "trades_robust")
+COUPLED = ("admm_mpc", "trades", "trades_robust")
 GAMES = ("pseudo_gradient", "pseudo_gradient_partial", "trades_primal", *COUPLED)
 
 

@@ -221,6 +221,7 @@ class SwapGame(CoupledGame):
         lost: Collection[int],
     ) -> None:
         self._problem = problem
+        self.lost = lost
         self._state = states[problem.agent]
         deviation = self._state - np.array([*problem.target, 0.0, 0.0])
         self._hessian = 2 * problem.quadratic

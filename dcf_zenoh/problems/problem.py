@@ -6,6 +6,7 @@ Shapes: (n,) for decisions, (s,) for what a game's players contribute, (rows,) f
 """
 
 from abc import ABC, abstractmethod
+from collections.abc import Collection
 from typing import ClassVar
 
 import numpy as np
@@ -141,9 +142,14 @@ class Game(Problem, ABC):
 
 
 class AggregativeGame(Problem, ABC):
-    """A game whose costs depend on the own decision u and on sigma, the mean over the fleet of contributions phi(u)."""
+    """A game whose costs depend on the own decision u and on sigma, the mean over the fleet of contributions phi(u).
+
+    Attributes:
+        lost: Agents that take no part.
+    """
 
     STRUCTURE = "an aggregative game"
+    lost: Collection[int] = ()
 
     @property
     def uncoupled(self) -> bool:

@@ -30,6 +30,7 @@ PROBLEMS: dict[str, list[Callable[[], Problems]]] = {
     "pseudo_gradient": [cournot],
     "pseudo_gradient_partial": [cournot],
     "trades_primal": [cournot],
+    "admm_mpc": [lambda: cournot(capacity=4.0), swap],
     "trades": [lambda: cournot(capacity=4.0), swap],
     "trades_robust": [lambda: cournot(capacity=4.0), swap],
     "centralised": [quadratic, allocation, cournot, swap],
