@@ -1,16 +1,11 @@
 """Cooperative predictive control by consensus ADMM over the edges of the graph."""
 
-import numpy as np
-
 from dcf_zenoh.algorithms.algorithm import Dialogue, Me, Result
 from dcf_zenoh.algorithms.copies import Copies
 from dcf_zenoh.algorithms.coupling import gather, local_problem
-from dcf_zenoh.algorithms.local_qp import LocalQP, Solution
+from dcf_zenoh.algorithms.local_qp import LocalQP
 from dcf_zenoh.algorithms.needs import Fraction, needs
-from dcf_zenoh.errors import AlgorithmError
-from dcf_zenoh.plant import Array
 from dcf_zenoh.problems.problem import CoupledGame
-from dcf_zenoh.problems.share import Shareable
 from dcf_zenoh.spec import PositiveFloat
 
 
@@ -44,29 +39,19 @@ def admm_mpc(game: CoupledGame, me: Me, *, penalty: PositiveFloat = 3.0, relax: 
     multipliers", Allerton Conference, 2012; Rey, Pan, Hauswirth, Lygeros, "Fully decentralized ADMM for coordination
     and collision avoidance", European Control Conference, 2018; the edges: see `Copies`.
     """
-    if not isinstance(game, Shareable):
-        raise AlgorithmError(f"admm_mpc needs a problem with share(), which {type(game).__name__} has not")
     plan = game.start(me.last)
-    shares = yield from gather(me, game.share(), plan, game.lost)
+    shares = yield from gather(me, game, plan)
     if shares is None:
         return me.result(plan)
-    local, same = local_problem(me.id, shares), me.recall("agents", ()) == tuple(shares)
-    own = local.places[sorted(shares).index(me.id)]
-
-    def ahead(v: Array) -> Array:
-        """All plans moved on by one stage."""
-        return np.concatenate([game.start(v[place]) for place in local.places])
-
-    z = {j: ahead(each) for j, each in me.recall("z", {}).items()} if same else {}
-    last: Solution | None = me.recall("solution", None) if same else None
-    copies = Copies(me, game.lost, penalty, relax, len(local.r), z)
-    qp = LocalQP(local, copies.weight, last and last._replace(v=ahead(last.v)))
+    local = local_problem(me.id, shares)
+    copies = Copies(me, game, tuple(shares), local, penalty, relax)
+    qp = LocalQP(local, copies.weight, copies.last)
     x, change = qp.solve(copies.pull), float("inf")
     while True:
         inbox = yield copies.said(x.v), change
         copies.hear(inbox)
         new = qp.solve(copies.pull)
         change, x = max(float(abs(new.v - x.v).max()), copies.moved), new
-        me.note(u=x.v[own], iterations=qp.iterations)
+        me.note(u=x.v[copies.own], iterations=qp.iterations)
         if inbox.stop:
-            return me.result(x.v[own], agents=tuple(shares), z=copies.z, solution=x)
+            return me.result(x.v[copies.own], **copies.memory(x))

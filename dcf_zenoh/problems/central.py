@@ -31,6 +31,8 @@ def solve_together(shares: Mapping[int, Share]) -> dict[int, Array]:
     Raises:
         AlgorithmError: There is no solution, or none was found; the message has the solver's status.
     """
+    if any(share.t.size for share in shares.values()):
+        raise AlgorithmError("there is no solution in one place: the shared constraints are not linear")
     whole = assembled([share for _, share in sorted(shares.items())])
     v = _minimiser(whole) if whole.symmetric else _equilibrium(whole)
     return {agent: read_only(v[places]) for agent, places in zip(sorted(shares), whole.places, strict=True)}
