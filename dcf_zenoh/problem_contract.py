@@ -5,7 +5,15 @@ from collections.abc import Callable
 import numpy as np
 
 from dcf_zenoh.plant import Array, read_only
-from dcf_zenoh.problems.problem import AggregativeGame, ConsensusProblem, CoupledGame, CoupledProblem, Game, MeanProblem
+from dcf_zenoh.problems.problem import (
+    AggregativeGame,
+    ConsensusProblem,
+    CoupledGame,
+    CoupledProblem,
+    Game,
+    MeanProblem,
+    NonlinearGame,
+)
 from dcf_zenoh.problems.share import Share, Shareable
 
 TOLERANCE = 1e-7  # relative to what is compared
@@ -167,9 +175,32 @@ def _check_aggregative(problem: AggregativeGame, again: AggregativeGame, drawn: 
     if isinstance(problem, CoupledGame):
         assert problem.A.shape == (problem.rows, n), f"A has shape {problem.A.shape}, expected ({problem.rows}, {n})"
         _same(problem.coupling(u) - problem.coupling(v), problem.A @ (u - v), "coupling(u) - coupling(v)")
+    if isinstance(problem, NonlinearGame) and isinstance(again, NonlinearGame):
+        _check_nonlinear(problem, again, u, drawn)
     if isinstance(problem, Shareable):
         share: Share = problem.share()
+        if isinstance(problem, NonlinearGame):
+            _same(share.T @ u + share.t, problem.T @ u + problem.t, "share(): T u + t")
         _same(share.H @ u + share.g + share.K @ sigma, slope, "share(): H u + g + K sigma")
         _same(share.Phi @ u + share.phi, phi, "share(): Phi u + phi")
         if isinstance(problem, CoupledGame):
             _same(share.A @ u - share.b, problem.coupling(u), "share(): A u - b")
+
+
+def _check_nonlinear(problem: NonlinearGame, again: NonlinearGame, u: Array, drawn: Draw) -> None:
+    size, count = problem.t.size, len(problem.agents)
+    assert problem.T.shape == (size, u.size), f"T has shape {problem.T.shape}, expected ({size}, {u.size})"
+    outputs = drawn(count, size)
+    c, derivative = problem.constraints(outputs)
+    _repeated(c, again.constraints(outputs)[0], (c.size,), "constraints(outputs)")
+    _repeated(derivative, again.constraints(outputs)[1], (c.size, count, size), "constraints(outputs)")
+    step, way = 1e-6, drawn(count, size)
+    ends = [problem.constraints(read_only(outputs + sign * step * way))[0] for sign in (1, -1)]
+    steepness, told = (ends[0] - ends[1]) / (2 * step), (derivative * way).sum(axis=(1, 2))
+    gap = float(abs(steepness - told).max(initial=0.0))
+    assert gap < 1e-4 * (1 + float(abs(told).max(initial=0.0))), f"constraints: {told}, but they rise by {steepness}"
+    prices = abs(drawn(c.size))
+    curvature = problem.curvature(outputs, prices)
+    _repeated(curvature, again.curvature(outputs, prices), (outputs.size, outputs.size), "curvature(outputs, prices)")
+    _same(curvature, curvature.T, "curvature(outputs, prices)")
+    _at_most(0.0, float(np.linalg.eigvalsh(curvature).min()), "0, beside the least curvature")

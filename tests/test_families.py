@@ -61,13 +61,14 @@ from dcf_zenoh import Inbox
 from dcf_zenoh.plugins import known, load
 from dcf_zenoh.problems.average import Average
 from dcf_zenoh.problems.cournot import Cournot
+from dcf_zenoh.problems.distance_swap import DistanceSwap
 from dcf_zenoh.problems.quadratic import Quadratic
 from dcf_zenoh.problems.resource_allocation import ResourceAllocation
 
 ROUNDS = 12
 MEAN = ("average_consensus", "push_sum")
 SHARED = ("dual_subgradient", "tracking_admm")
-COUPLED = ("trades", "trades_robust")
+COUPLED = ("admm_mpc", "trades", "trades_robust")
 GAMES = ("pseudo_gradient", "pseudo_gradient_partial", "trades_primal", *COUPLED)
 
 
@@ -76,6 +77,9 @@ def problem_for(name, me):
         return Average(value=[0.1 * me.id, -3.0])
     if name in SHARED:
         return ResourceAllocation(me.agents, demand=[2.0, 0.7], weight=1.0 + me.id)
+    if name == "sqp_admm":
+        states = {i: np.array([0.3 * i, 0.4 - 0.1 * i * i, -0.2 * i, 0.3]) for i in me.agents}
+        return DistanceSwap(me.id, me.agents, 0.2, target=[0.0, 0.2]).at(states)
     if name in GAMES:
         return Cournot(me.id, me.agents, cost=0.3 * me.id, capacity=4.0 if name in COUPLED else None)
     return Quadratic(centre=[float(me.id), 0.1], weight=1.0 / me.id)

@@ -14,7 +14,7 @@ from dcf_zenoh.problems.share import Share, Shareable
 ANSWER = "answer."  # begins the names of entries of the answer
 
 
-@needs(ConsensusProblem, CoupledProblem, Game, AggregativeGame)
+@needs(ConsensusProblem, CoupledProblem, Game, AggregativeGame, traits=("linear",))
 def centralised(problem: Shareable, me: Me, *, hub: int | None = None) -> Dialogue[Result]:
     """Every agent passes on the shares of the problem that it knows, and the answer once it is there.
 

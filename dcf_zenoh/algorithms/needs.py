@@ -21,6 +21,7 @@ from dcf_zenoh.graph import Neighbourhood
 from dcf_zenoh.problems.problem import Problem
 
 Fraction = Annotated[float, Field(gt=0, le=1)]
+Count = Annotated[int, Field(ge=1)]
 F = TypeVar("F", bound=Callable[..., Any])
 Links = Literal["directed", "undirected", "complete"]
 
@@ -29,6 +30,7 @@ TRAITS = {
     "strongly_convex": "a strongly convex cost",
     "unconstrained": "a decision without bounds",
     "uncoupled": "a game without shared constraints",
+    "linear": "shared constraints that are linear",
     "equality": "shared constraints that are equations",
 }
 

@@ -31,14 +31,14 @@ def solve_together(shares: Mapping[int, Share]) -> dict[int, Array]:
     Raises:
         AlgorithmError: There is no solution, or none was found; the message has the solver's status.
     """
-    whole = _assembled([share for _, share in sorted(shares.items())])
-    scale = max(1.0, float(abs(whole.M).max(initial=0.0)))
-    symmetric = bool((abs(whole.M - whole.M.T) <= SYMMETRIC * scale).all())
-    v = _minimiser(whole) if symmetric else _equilibrium(whole)
+    if any(share.t.size for share in shares.values()):
+        raise AlgorithmError("there is no solution in one place: the shared constraints are not linear")
+    whole = assembled([share for _, share in sorted(shares.items())])
+    v = _minimiser(whole) if whole.symmetric else _equilibrium(whole)
     return {agent: read_only(v[places]) for agent, places in zip(sorted(shares), whole.places, strict=True)}
 
 
-class _Whole(NamedTuple):
+class Whole(NamedTuple):
     """(M v + r)'(w - v) >= 0 for all w with low <= G w <= high; agent number i decides v[places[i]]."""
 
     M: Array
@@ -48,8 +48,14 @@ class _Whole(NamedTuple):
     high: Array
     places: list[slice]
 
+    @property
+    def symmetric(self) -> bool:
+        """M is that of a quadratic cost: what all agents minimise together."""
+        scale = max(1.0, float(abs(self.M).max(initial=0.0)))
+        return bool((abs(self.M - self.M.T) <= SYMMETRIC * scale).all())
 
-def _assembled(shares: list[Share]) -> _Whole:
+
+def assembled(shares: list[Share]) -> Whole:
     """The problem of all agents; each kink adds a variable t >= absolute |u - kink|, which is paid for."""
     common, equality = (bool(np.any([getattr(each, name) for each in shares])) for name in ("common", "equality"))
     sizes = [len(each.g) for each in shares]
@@ -92,15 +98,15 @@ def _assembled(shares: list[Share]) -> _Whole:
             whole[place] += each.A[row]
         total = float(np.sum([each.b[row] for each in shares]))
         add(whole, total if equality else -np.inf, total)
-    return _Whole(M, r, np.array(rows).reshape(-1, size), np.array(low), np.array(high), places)
+    return Whole(M, r, np.array(rows).reshape(-1, size), np.array(low), np.array(high), places)
 
 
-def _minimiser(whole: _Whole) -> Array:
+def _minimiser(whole: Whole) -> Array:
     """Where a symmetric M is that of a quadratic cost."""
     return _osqp(whole.M, whole.r, whole.G, whole.low, whole.high)
 
 
-def _equilibrium(whole: _Whole) -> Array:
+def _equilibrium(whole: Whole) -> Array:
     """The solution of a variational inequality that is monotone, as that of a convex quadratic program.
 
     Its conditions are M v + r + A'y = 0, A v <= b, y >= 0 (free for equations) and y'(b - A v) = 0. Under the first

@@ -193,11 +193,8 @@ class PositionSwap:
                 the same.
             lost: Agents that take no part. The others keep clear of where they are, which is taken to stay.
         """
-        planar = {}
-        for agent, state in states.items():
-            half = len(state) // 2
-            planar[agent] = np.array([*state[:2], *state[half : half + 2]])
-        return SwapGame(self, planar, {**self.signs(planar), **signs}, lost)
+        flat = {agent: planar(state) for agent, state in states.items()}
+        return SwapGame(self, flat, {**self.signs(flat), **signs}, lost)
 
 
 class SwapGame(CoupledGame):
@@ -221,6 +218,7 @@ class SwapGame(CoupledGame):
         lost: Collection[int],
     ) -> None:
         self._problem = problem
+        self.lost = lost
         self._state = states[problem.agent]
         deviation = self._state - np.array([*problem.target, 0.0, 0.0])
         self._hessian = 2 * problem.quadratic
@@ -321,6 +319,12 @@ class SwapGame(CoupledGame):
             before = problem.powers[stage] @ self._state + problem.lifts[stage] @ decision
             velocity = before[2:] + problem.sample_time * acceleration
         return Setpoint(ahead[:2], velocity, acceleration)
+
+
+def planar(state: Array) -> Array:
+    """[px, py, vx, vy] of [position, velocity], shape (2 d,) with d 2 or 3."""
+    half = len(state) // 2
+    return np.array([*state[:2], *state[half : half + 2]])
 
 
 def _barrier_maps(prediction: Prediction, decay: float) -> tuple[list[Array], list[Array]]:

@@ -6,6 +6,7 @@ Shapes: (n,) for decisions, (s,) for what a game's players contribute, (rows,) f
 """
 
 from abc import ABC, abstractmethod
+from collections.abc import Collection
 from typing import ClassVar
 
 import numpy as np
@@ -141,9 +142,14 @@ class Game(Problem, ABC):
 
 
 class AggregativeGame(Problem, ABC):
-    """A game whose costs depend on the own decision u and on sigma, the mean over the fleet of contributions phi(u)."""
+    """A game whose costs depend on the own decision u and on sigma, the mean over the fleet of contributions phi(u).
+
+    Attributes:
+        lost: Agents that take no part.
+    """
 
     STRUCTURE = "an aggregative game"
+    lost: Collection[int] = ()
 
     @property
     def uncoupled(self) -> bool:
@@ -187,3 +193,40 @@ class CoupledGame(AggregativeGame):
     @abstractmethod
     def coupling(self, u: Array) -> Array:
         """A u - b; the sum over the agents must not be positive."""
+
+
+class NonlinearGame(AggregativeGame):
+    """An aggregative game under shared constraints c(y) <= 0, smooth but not linear, on outputs y_i = T_i u_i + t_i.
+
+    Each agent knows those constraints that it takes part in. Outputs are of all agents, in order of ids: shape (N, m).
+
+    Attributes:
+        agents: Ids of all agents, ascending.
+        T: Shape (m, n).
+        t: Shape (m,).
+        linear: Shared constraints are linear.
+    """
+
+    STRUCTURE = "an aggregative game with constraints that are not linear"
+    linear: bool = False
+    agents: tuple[int, ...]
+    T: Array
+    t: Array
+
+    @property
+    def uncoupled(self) -> bool:
+        """There are no shared constraints."""
+        return False
+
+    @abstractmethod
+    def constraints(self, outputs: Array) -> tuple[Array, Array]:
+        """c, shape (limits,), and its derivative, shape (limits, N, m)."""
+
+    def curvature(self, outputs: Array, prices: Array) -> Array:  # noqa: ARG002
+        """The second derivative of prices'c, shape (N m, N m), without what would not be positive semidefinite.
+
+        Args:
+            outputs: Shape (N, m).
+            prices: Of the constraints, not negative, shape (limits,).
+        """
+        return np.zeros((outputs.size, outputs.size))

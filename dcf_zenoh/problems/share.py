@@ -29,6 +29,8 @@ class Share:
         phi: Shape (s,).
         A: Shape (rows, n).
         b: Shape (rows,).
+        T: Shape (m, n). Outputs T u + t are what shared constraints that are not linear are about; these are not told.
+        t: Shape (m,).
         absolute: Shape (n,), not negative; empty for zeros.
         kink: Shape (n,); empty for zeros.
         common: All agents mean the same u: the problem is to agree on the one with the least sum of costs.
@@ -44,6 +46,8 @@ class Share:
     phi: Array = field(default_factory=nothing)
     A: Array = field(default_factory=nothing)
     b: Array = field(default_factory=nothing)
+    T: Array = field(default_factory=nothing)
+    t: Array = field(default_factory=nothing)
     absolute: Array = field(default_factory=nothing)
     kink: Array = field(default_factory=nothing)
     common: bool = False

@@ -215,6 +215,51 @@ def games() -> Figure:
     return figure
 
 
+def of_one_step(algorithm: str, topology: str, fleet: str, rounds: int, *changes: str) -> tuple[Array, Array]:
+    """A fleet's first control step: what each agent decides, round by round, shape (agents, rounds, n), and at last."""
+    run = simulate(
+        fleet,
+        algorithm=algorithm,
+        topology=topology,
+        changes=["time.duration=0.2", f"exchange.max_rounds={rounds}", NO_END, "log.rounds=true", *changes],
+    )
+    records = [[RoundRecord(*record).noted for record in log.rounds_log[0]] for log in run.agents.values()]
+    paths = np.array([[np.ravel(noted["u"]) for noted in each if "u" in noted] for each in records])
+    return paths, np.array([log.decision[0] for log in run.agents.values()])
+
+
+CROWDED = [  # agents of a swap in the middle of their way
+    *(
+        f"agents.{i}.start={place}"
+        for i, place in ((1, [0.1, 0.6]), (2, [-0.1, -0.6]), (3, [0.8, 0.1]), (4, [-0.8, 0]))
+    ),
+]
+
+
+def predictive() -> Figure:
+    """One control step of the swap, by ADMM and by SQP with an inner ADMM."""
+    figure, (left, right) = plt.subplots(1, 2, figsize=(10.5, 4.2), sharey=True, layout="constrained")
+    kinds = {"complete": (BLUE, "-"), "ring": (GREEN, "-"), "star": (ORANGE, "-"), "path": (PINK, "-")}
+    _, central = of_one_step("centralised", "complete", "position_swap", 6, *CROWDED)
+    lines = [
+        (f"ADMM, {kind}", *style, abs(of_one_step("admm_mpc", kind, "position_swap", 350, *CROWDED)[0]
+                                      - central[:, np.newaxis]).max(axis=(0, 2)))
+        for kind, style in kinds.items()
+    ]  # fmt: skip
+    trades = of_one_step("trades", "complete", "position_swap", 350, *CROWDED)[0]
+    lines.append(("TRADES, complete", GREY, "--", abs(trades - central[:, np.newaxis]).max(axis=(0, 2))))
+    panel(left, lines, "position_swap: linear constraints")
+    lines = []
+    for kind, style in kinds.items():
+        _, end = of_one_step("sqp_admm", kind, "distance_swap", 900, *CROWDED)
+        paths, _ = of_one_step("sqp_admm", kind, "distance_swap", 350, *CROWDED)
+        lines.append((f"SQP with ADMM, {kind}", *style, abs(paths - end[:, np.newaxis]).max(axis=(0, 2))))
+    panel(right, lines, "distance_swap: constraints that are not linear")
+    left.set_ylabel("largest error of any agent, m/s²")
+    left.set_ylim(FLOOR / 2, 20)
+    return figure
+
+
 METHODS: dict[str, Mapping[str, float]] = {
     "gradient_tracking": {"step": 0.1},
     "push_pull": {"step": 0.1},
@@ -311,7 +356,7 @@ def flights() -> Figure:
 
 
 PICTURES: dict[str, Callable[[], Figure]] = {
-    each.__name__: each for each in (consensus, sharing, games, graphs, flights)
+    each.__name__: each for each in (consensus, sharing, games, predictive, graphs, flights)
 }
 
 

@@ -12,6 +12,7 @@ from dcf_zenoh.problems.average import Average
 from dcf_zenoh.testing import check_algorithm
 from tests.answers import AGENTS, Problems, allocation, cournot, graph, quadratic
 from tests.references import Reference
+from tests.swaps import distance_moment
 
 
 def values() -> Problems:
@@ -22,6 +23,10 @@ def swap() -> Problems:
     return dict(Reference.read("n4_complete_start").games)
 
 
+def distances() -> Problems:
+    return dict(distance_moment(0, AGENTS)[0])
+
+
 PROBLEMS: dict[str, list[Callable[[], Problems]]] = {
     "average_consensus": [values],
     "push_sum": [values],
@@ -30,6 +35,8 @@ PROBLEMS: dict[str, list[Callable[[], Problems]]] = {
     "pseudo_gradient": [cournot],
     "pseudo_gradient_partial": [cournot],
     "trades_primal": [cournot],
+    "admm_mpc": [lambda: cournot(capacity=4.0), swap],
+    "sqp_admm": [distances],
     "trades": [lambda: cournot(capacity=4.0), swap],
     "trades_robust": [lambda: cournot(capacity=4.0), swap],
     "centralised": [quadratic, allocation, cournot, swap],

@@ -5,7 +5,9 @@ from functools import partial
 
 import numpy as np
 import pytest
+from scipy.optimize import nnls
 
+from dcf_zenoh.algorithms.admm_mpc import admm_mpc
 from dcf_zenoh.algorithms.admm_tracking_gradient import admm_tracking_gradient
 from dcf_zenoh.algorithms.algorithm import Algorithm
 from dcf_zenoh.algorithms.consensus_admm import consensus_admm
@@ -174,6 +176,23 @@ def by_estimates(rounds: int) -> Array:
     return np.diag(X)
 
 
+def by_admm_mpc(rounds: int) -> Array:
+    """After four rounds of telling each other their shares: J = sum_i f_i, and each pays a quarter of the coupling."""
+    rho, alpha, z, x = 3.0, 0.9, {edge: np.zeros(4) for edge in EDGES}, np.zeros((4, 4))
+    if rounds <= 4:
+        return np.zeros(4)
+    for number in range(rounds - 3):
+        for i in range(4):
+            P = ONE[i][:, None] * ONE[i] + np.ones((4, 4)) / 4 + rho * DEGREES[i, i] * ONE
+            q = (i + 1.0 - 10) * ONE[i] - np.sum([z[edge] for edge in EDGES if edge[0] == i], axis=0)
+            L = np.linalg.cholesky(P)
+            x[i] = nnls(L.T, -np.linalg.solve(L, q))[0]
+        if number < rounds - 4:
+            said = {(i, j): 2 * rho * x[i] - z[i, j] for i, j in EDGES}
+            z = {(i, j): (1 - alpha) * z[i, j] + alpha * said[j, i] for i, j in EDGES}
+    return np.diag(x)
+
+
 CASES: dict[str, tuple[Algorithm, Callable[[], Problems], Callable[[int], Array]]] = {
     "push_sum": (push_sum, values, by_push_sum),
     "subgradient": (subgradient, quadratic, by_subgradient),
@@ -188,6 +207,7 @@ CASES: dict[str, tuple[Algorithm, Callable[[], Problems], Callable[[int], Array]
     "dual_subgradient": (dual_subgradient, allocation, by_dual_subgradient),
     "tracking_admm": (partial(tracking_admm, penalty=1.5), allocation, by_tracking_admm),
     "pseudo_gradient_partial": (pseudo_gradient_partial, cournot, by_estimates),
+    "admm_mpc": (admm_mpc, cournot, by_admm_mpc),
 }
 
 

@@ -11,8 +11,10 @@ from dcf_zenoh.plugins import known, load
 from dcf_zenoh.problems.absolute_value import AbsoluteValue
 from dcf_zenoh.problems.average import Average
 from dcf_zenoh.problems.cournot import Cournot
+from dcf_zenoh.problems.distance_swap import DistanceGame, DistanceSwap
 from dcf_zenoh.problems.formation import Formation
 from dcf_zenoh.problems.lasso import Lasso
+from dcf_zenoh.problems.position_swap import PositionSwap
 from dcf_zenoh.problems.quadratic import Quadratic
 from dcf_zenoh.problems.quadratic_game import QuadraticGame
 from dcf_zenoh.problems.rendezvous import Rendezvous
@@ -23,6 +25,7 @@ from tests.references import Reference
 
 THREE = (1, 2, 5)
 STATES = {2: np.array([1.0, -2.0, 0.3, 0.1])}
+SPREAD = {i: np.array([1.0 - i, 0.3 * i, 0.1, -0.2]) for i in THREE}
 MADE: dict[str, list[Callable[[], object]]] = {
     "absolute_value": [
         lambda: AbsoluteValue(value=2.0),
@@ -32,6 +35,10 @@ MADE: dict[str, list[Callable[[], object]]] = {
     "cournot": [
         lambda: Cournot(2, THREE, cost=1.0),
         lambda: Cournot(2, THREE, cost=1.0, slope=0.5, capacity=4.0, upper=2.0),
+    ],
+    "distance_swap": [
+        lambda: DistanceSwap(2, THREE, 0.2, target=(0.0, 1.0)).at(SPREAD),
+        lambda: DistanceSwap(5, THREE, 0.2, target=(0.0, 1.0), horizon=4, radii=(0.5, 0.5)).at(SPREAD),
     ],
     "formation": [
         lambda: Formation(2, 0.2, offset=(0.5, 0.0)).at(STATES),
@@ -71,6 +78,9 @@ def test_every_kind_keeps_the_contract(kind: str) -> None:
 def test_every_kind_says_what_it_is(kind: str) -> None:
     summary = (load("problems", kind, Path()).__doc__ or "").splitlines()[0]
     assert 30 < len(summary) < 120
+
+
+SWAP = PositionSwap(2, THREE, 0.2, target=(0.0, 1.0))
 
 
 class Steeper(Quadratic):
@@ -116,9 +126,16 @@ class Stretching(Quadratic):
         return 2.0 * x
 
 
+class Bent(DistanceGame):
+    def constraints(self, outputs: Array) -> tuple[Array, Array]:
+        c, derivative = super().constraints(outputs)
+        return c, 1.1 * derivative
+
+
 @pytest.mark.parametrize(
     ("make", "error", "text"),
     [
+        (lambda: Bent(SWAP, SPREAD), AssertionError, r"(?s)constraints: .*but they rise by"),
         (lambda: Steeper(centre=1.0), AssertionError, r"gradient"),
         (lambda: Concave(centre=1.0), AssertionError, r"cost\(x\) \+ gradient\(x\)'\(y - x\), beside cost\(y\)"),
         (Restless, AssertionError, r"gradient\(x\) is not repeatable"),

@@ -1,0 +1,65 @@
+"""Decentralised sequential quadratic programming with an inner ADMM over the edges of the graph."""
+
+import numpy as np
+
+from dcf_zenoh.algorithms.algorithm import Dialogue, Me, Result
+from dcf_zenoh.algorithms.copies import Copies
+from dcf_zenoh.algorithms.coupling import gather, linearised, local_problem
+from dcf_zenoh.algorithms.local_qp import LocalQP, Solution
+from dcf_zenoh.algorithms.needs import Count, Fraction, needs
+from dcf_zenoh.plant import nothing
+from dcf_zenoh.problems.problem import NonlinearGame
+from dcf_zenoh.spec import PositiveFloat
+
+
+@needs(NonlinearGame, links="undirected", agents=2)
+def sqp_admm(
+    game: NonlinearGame, me: Me, *, penalty: PositiveFloat = 5.0, relax: Fraction = 0.9, inner: Count = 10
+) -> Dialogue[Result]:
+    """Take the constraints as linear near the plans of now, agree on the plans by ADMM, and so on from there.
+
+    Agent i keeps a copy x of the plans of all. An outer iteration replaces the constraints c(y) <= 0 that it takes part
+    in by ``c + c'(x - x_k) <= 0`` at its copies x_k, and adds their curvature at the prices of now, as far as it is
+    positive semidefinite. `inner` rounds of the ADMM of `admm_mpc` follow, on the quadratic program that this makes; z
+    goes on through all of them. OSQP is set up in every outer iteration, and starts from its last solution.
+
+    It converges near a solution of the sum of costs that satisfies the second-order conditions, on any connected graph,
+    if the inner rounds are enough: too few on a sparse graph go in circles. Lost messages only make it later. The
+    residual is the largest change of x, its distance to where the constraints were taken to be linear, and the largest
+    change of what the edges ask for.
+
+    Args:
+        game: This agent's share of the game, which must have a potential: equal prices of the mean. All agents must
+            take part.
+        me: This agent.
+        penalty: rho.
+        relax: alpha.
+        inner: Rounds of each outer iteration.
+
+    Raises:
+        AlgorithmError: The game has no potential, or the agent's own problem no solution; then the solver's status is
+            in the message.
+
+    Source: Stomberg, Engelmann, Faulwasser, "Decentralized non-convex optimization via bi-level SQP and ADMM", IEEE
+    Conference on Decision and Control, 2022; with a fixed number of inner rounds as in Stomberg, Ebel, Faulwasser,
+    Eberhard, "Cooperative distributed MPC via decentralized real-time optimization: implementation results for robot
+    formations", Control Engineering Practice, 2023; the edges: see `Copies`.
+    """
+    plan = game.start(me.last)
+    shares = yield from gather(me, game, plan)
+    if shares is None:
+        return me.result(plan)
+    local = local_problem(me.id, shares)
+    copies = Copies(me, game, tuple(shares), local, penalty, relax)
+    x, number = copies.last or Solution(np.tile(game.start(None), len(shares)), nothing()), 0
+    while True:
+        if number % inner == 0:
+            qp, near = LocalQP(linearised(local, game, shares, x), copies.weight, x), x.v
+        new, number = qp.solve(copies.pull), number + 1
+        change = max(float(abs(new.v - x.v).max()), float(abs(new.v - near).max()), copies.moved)
+        x = new
+        me.note(u=x.v[copies.own], iterations=qp.iterations)
+        inbox = yield copies.said(x.v), change
+        copies.hear(inbox)
+        if inbox.stop:
+            return me.result(x.v[copies.own], **copies.memory(x))

@@ -1,0 +1,193 @@
+"""Agents change places in the plane and keep a true distance: the position swap with ellipses for diamonds."""
+
+import copy
+from collections.abc import Mapping
+from dataclasses import replace
+from itertools import combinations
+
+import numpy as np
+
+from dcf_zenoh.plant import Array, Setpoint, State, nothing
+from dcf_zenoh.problems.position_swap import PositionSwap, planar
+from dcf_zenoh.problems.problem import NonlinearGame
+from dcf_zenoh.problems.share import Share
+
+IN_LINE = 0.01  # m; where a coordinate of two agents differs by less, they are in line
+ASIDE = 0.1  # m; by which the one with the lower id is then taken to be aside
+TINY = 1e-9  # of a scaled distance, which has no derivative at 0
+
+
+class DistanceSwap:
+    """The game of `PositionSwap`, where the safety region is the ellipse around its diamond.
+
+    Every pair keeps e = sqrt((dx / r1)² + (dy / r2)²) - 1 >= 0, by e[l+1] >= (1 - gamma) e[l] along the prediction;
+    that is a distance where r1 = r2. It is not linear in the plans, and needs no signs that are held over the horizon.
+    The diamond is in the ellipse, so its barrier h is at least e. Where two agents are in line, in x or in y, tangents
+    of e beside their paths stand for e, so that they do not push at each other for ever.
+
+    Args:
+        agent: Id of this agent.
+        agents: Ids of all agents, ascending.
+        sample_time: t_s, in s.
+        target: Where this agent wants to be, shape (2,), in m.
+        horizon: H, in steps.
+        accel_max: Bound on each component of the acceleration, in m/s².
+        radii: Half axes r1, r2 of the elliptic safety region, in m.
+        barrier_decay: gamma, in (0, 1].
+        state_weight: Q: a number, or the diagonal for [px, py, vx, vy].
+        input_weight: R: a number, or the diagonal for [ax, ay].
+        terminal_weight: beta, the weight of the terminal cost.
+        gather_weight: p_a, the weight of the mean end position.
+        gather_at: p_o, in m.
+        velocity_lag: As in `PositionSwap`.
+
+    Raises:
+        ValueError: An argument is out of its range; the message says which.
+
+    Source: as `PositionSwap`, with the distance that is usual in predictive control for its barrier.
+    """
+
+    SHARED = ("horizon", "radii", "barrier_decay")
+
+    def __init__(
+        self,
+        agent: int,
+        agents: tuple[int, ...],
+        sample_time: float,
+        *,
+        target: tuple[float, ...],
+        horizon: int = 3,
+        accel_max: float = 2.0,
+        radii: tuple[float, float] = (0.5, 0.25),
+        barrier_decay: float = 0.1,
+        state_weight: float | tuple[float, ...] = 5.0,
+        input_weight: float | tuple[float, ...] = 2.0,
+        terminal_weight: float = 1.5,
+        gather_weight: float = 1.0,
+        gather_at: tuple[float, float] = (0.0, 0.0),
+        velocity_lag: float | None = None,
+    ) -> None:
+        self._swap = PositionSwap(
+            agent,
+            agents,
+            sample_time,
+            target=target,
+            horizon=horizon,
+            accel_max=accel_max,
+            radii=radii,
+            barrier_decay=barrier_decay,
+            state_weight=state_weight,
+            input_weight=input_weight,
+            terminal_weight=terminal_weight,
+            gather_weight=gather_weight,
+            gather_at=gather_at,
+            velocity_lag=velocity_lag,
+        )
+
+    @property
+    def target(self) -> Array:
+        """Where this agent wants to be, shape (2,), in m."""
+        return self._swap.target
+
+    def toward(self, target: Array) -> "DistanceSwap":
+        """The same problem with another target, shape (2,), in m."""
+        other = copy.copy(self)
+        other._swap = self._swap.toward(target)
+        return other
+
+    def distance_to_go(self, state: State) -> float:
+        """Distance to the target in the plane, in m."""
+        return self._swap.distance_to_go(state)
+
+    def ahead(self, state: State, flown: Setpoint | None, delay: float) -> Array:
+        """Where the body is after `delay` (s) with the setpoint that it is flying, by the agent's model."""
+        return self._swap.ahead(state, flown, delay)
+
+    def check_starts(self, starts: Mapping[int, Array]) -> dict[int, str]:
+        """Agent -> what is wrong with its start: it is too close to an agent with a lower id."""
+        found = self._swap.check_starts(starts)
+        for i, j in combinations(sorted(starts.keys() - found.keys()), 2):
+            apart = starts[i][np.newaxis, :2] - starts[j][:2]
+            e = float(clearance(apart, np.array(self._swap.radii), np.zeros((1, 2)))[0][0])
+            if e < 0:
+                found[j] = f"agent {j} would start in the safety region of agent {i}: e = {e:.3g}, expected at least 0"
+        return found
+
+    def at(self, states: Mapping[int, Array]) -> "DistanceGame":
+        """The game of one control step, given agent -> [position, velocity], shape (2 d,) with d 2 or 3, of all."""
+        return DistanceGame(self._swap, {agent: planar(state) for agent, state in states.items()})
+
+
+class DistanceGame(NonlinearGame):
+    """One agent's view of the game of one control step; costs and bounds are those of `SwapGame`.
+
+    An output is an agent's predicted path, [p[1], .., p[H]], shape (2 H,). The constraints are ordered by the other
+    agent's id, then by stage. Their second derivative has both signs, and is left out.
+    """
+
+    def __init__(self, swap: PositionSwap, states: Mapping[int, Array]) -> None:
+        self._swap, self._game = swap, swap.at(states)
+        self.agents, self._radii = swap.agents, np.array(swap.radii)
+        self._here = np.array([states[i][:2] for i in swap.agents])
+        self.T = np.vstack([lift[:2] for lift in swap.lifts[1:]])
+        self.t = np.concatenate([power[:2] @ states[swap.agent] for power in swap.powers[1:]])
+
+    def start(self, last: Array | None) -> Array:
+        """The last plan moved on by one stage, or no input at all."""
+        return self._game.start(last)
+
+    def contribution(self, u: Array) -> Array:
+        """phi(u): predicted end position, shape (2,), in m."""
+        return self._game.contribution(u)
+
+    def gradient(self, u: Array, sigma: Array) -> Array:
+        """Pseudo-gradient, shape (2 H,); see `SwapGame`."""
+        return self._game.gradient(u, sigma)
+
+    def project(self, u: Array) -> Array:
+        """Nearest input within the bound."""
+        return self._game.project(u)
+
+    def setpoint(self, decision: Array, stage: int) -> Setpoint | None:
+        """What `decision` plans for `stage`; see `SwapGame`."""
+        return self._game.setpoint(decision, stage)
+
+    def constraints(self, outputs: Array) -> tuple[Array, Array]:
+        """(1 - gamma) e[l] - e[l+1] of each other agent and l = 0 .. H-1, and its derivative."""
+        swap, stages = self._swap, np.arange(self._swap.horizon)
+        own, count, keep = swap.agents.index(swap.agent), len(swap.agents), 1 - swap.barrier_decay
+        paths = np.concatenate((self._here[:, np.newaxis], outputs.reshape(count, len(stages), 2)), axis=1)
+        values, derivatives = [], []
+        for other in range(count):
+            if other == own:
+                continue
+            first, second = min(own, other), max(own, other)
+            aside = np.zeros((len(stages) + 1, 2))
+            aside[1:] = np.where(abs(self._here[first] - self._here[second]) < IN_LINE, ASIDE, 0.0)
+            e, slope = clearance(paths[first] - paths[second], self._radii, aside)
+            values.append(keep * e[:-1] - e[1:])
+            part = np.zeros((len(stages), count, len(stages) + 1, 2))
+            part[stages, first, stages] = keep * slope[:-1]
+            part[stages, first, stages + 1] = -slope[1:]
+            part[:, second] = -part[:, first]
+            derivatives.append(part[:, :, 1:].reshape(len(stages), count, -1))
+        return np.concatenate(values), np.concatenate(derivatives)
+
+    def share(self) -> Share:
+        """The cost and the bounds as arrays, and how the path depends on the plan."""
+        return replace(self._game.share(), A=nothing(), b=nothing(), T=self.T, t=self.t)
+
+
+def clearance(apart: Array, radii: Array, aside: Array) -> tuple[Array, Array]:
+    """The e = |apart / radii| - 1 of pairs of points, shape (k,), and its derivative, shape (k, 2).
+
+    Args:
+        apart: From one point to the other, shape (k, 2), in m.
+        radii: r1, r2, in m.
+        aside: Where it is not zero, e stands for its tangent at `apart + aside`, which is nowhere above it, as e is
+            convex; shape (k, 2), in m.
+    """
+    scaled = (apart + aside) / radii
+    length = np.hypot(scaled[:, 0], scaled[:, 1])
+    slope = scaled / radii / np.maximum(length, TINY)[:, np.newaxis]
+    return length - 1 - (slope * aside).sum(axis=1), slope
