@@ -39,7 +39,8 @@ class Oracle:
             would bring its body, m, shape (K, N). NaN as before, and where decisions plan no motion.
         violation: How far the decisions of all, taken together as one vector, are beyond the constraint that they
             violate most: the distance to its half space (to its plane if it is an equation), in the units of the
-            decision, so that scaling a constraint changes nothing. 0 if they keep them all; shape (K,).
+            decision, so that scaling a constraint changes nothing. 0 if they keep them all; shape (K,). NaN where constraints are not
+            linear.
         residual: Of each agent's last round, at which the inner iteration was stopped, shape (K, N).
         unsolved: Step -> why there is no central solution.
     """
@@ -104,7 +105,8 @@ def consult(run: Run) -> Oracle:
             posed = _posed(run, {i: _toward(problem, aims.get(i)) for i, problem in problems.items()}, taken)
             shares = {i: _share(each) for i, each in posed.items()}
             decisions = {i: run.agents[i].decision[taken[i]][: len(share.g)] for i, share in shares.items()}
-            violation[row] = _violation(shares, decisions)
+            if not any(share.t.size for share in shares.values()):
+                violation[row] = _violation(shares, decisions)
             try:
                 answers = solve_together(shares)
             except AlgorithmError as error:
