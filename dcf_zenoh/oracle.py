@@ -39,8 +39,8 @@ class Oracle:
             would bring its body, m, shape (K, N). NaN as before, and where decisions plan no motion.
         violation: How far the decisions of all, taken together as one vector, are beyond the constraint that they
             violate most: the distance to its half space (to its plane if it is an equation), in the units of the
-            decision, so that scaling a constraint changes nothing. 0 if they keep them all; shape (K,). NaN where constraints are not
-            linear.
+            decision, so that scaling a constraint changes nothing. 0 if they keep them all, NaN if constraints are not
+            linear; shape (K,).
         residual: Of each agent's last round, at which the inner iteration was stopped, shape (K, N).
         unsolved: Step -> why there is no central solution.
     """

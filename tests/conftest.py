@@ -19,6 +19,7 @@ IN_REAL_TIME = (
     "agentd/test_landing.py",
     "agentd/test_links.py",
     "agentd/test_rejoin.py",
+    "agentd/test_sweep_interrupted.py",
     "dcf_zenoh/messaging/test_network.py",
     "dcf_zenoh/messaging/test_waker.py",
     "plants/emulator",
