@@ -2,18 +2,21 @@
 
 from collections.abc import Mapping
 from functools import partial
+from typing import cast
 
 import numpy as np
 import pytest
 
 import dcf_zenoh
 from dcf_zenoh.algorithms.admm_mpc import admm_mpc
+from dcf_zenoh.algorithms.algorithm import Dialogue, Me, Result
 from dcf_zenoh.errors import AlgorithmError
 from dcf_zenoh.graph import Graph
 from dcf_zenoh.oracle import consult
 from dcf_zenoh.plant import Array
 from dcf_zenoh.problems.central import solve_together
 from dcf_zenoh.problems.position_swap import PositionSwap, SwapGame
+from dcf_zenoh.problems.share import Share
 from dcf_zenoh.testing import fleet_of, lockstep, lossy
 from tests.answers import AGENTS, TOPOLOGIES, cournot, course, each, graph, quadratic
 from tests.references import Reference
@@ -61,6 +64,42 @@ def test_a_market_finds_its_closed_form(topology: str) -> None:
 def test_lost_messages_only_make_it_later(topology: str, loss: float) -> None:
     games, answers = moment(1, AGENTS)
     assert course(admm_mpc, games, graph(topology), answers, 900, links=lossy(3, loss)).error < 1e-6
+
+
+def test_the_swap_arrives_although_every_fifth_message_is_lost() -> None:
+    run = dcf_zenoh.simulate("position_swap_lossy", algorithm="admm_mpc")
+    assert run.summary()["messages"]["lost"] > 1000
+    assert run.arrival_time is not None
+    assert 10 < run.arrival_time < 13
+    assert run.barriers.min() > 0.05
+
+
+@pytest.mark.parametrize("topology", TOPOLOGIES)
+def test_nobody_tells_its_cost_and_all_tell_the_rest(topology: str) -> None:
+    games, _ = moment(0, AGENTS)
+    network = graph(topology)
+    fleet = fleet_of(network)
+    heard: dict[int, dict[int, Share]] = {}
+
+    def listening(game: SwapGame, me: Me) -> Dialogue[Result]:
+        dialogue = admm_mpc(game, me)
+        said, change = next(dialogue)
+        while True:
+            inbox = yield said, change
+            for payload in inbox.values():
+                heard.setdefault(me.id, {}).update(Share.all_in(payload))
+            try:
+                said, change = dialogue.send(inbox)
+            except StopIteration as finished:
+                return cast(Result, finished.value)
+
+    lockstep(listening, games, fleet, network.diameter + 3)
+    for told in heard.values():
+        for i, share in told.items():
+            assert not share.H.any()
+            assert not share.g.any()
+            np.testing.assert_array_equal(share.A, games[i].A)
+    assert all(set(told) >= set(AGENTS) - {i} for i, told in heard.items())
 
 
 def aside(seed: int) -> tuple[dict[int, SwapGame], dict[int, Array]]:
