@@ -10,7 +10,14 @@ from dcf_zenoh.spec import PositiveFloat
 
 
 @needs(CoupledGame, links="undirected", agents=2)
-def admm_mpc(game: CoupledGame, me: Me, *, penalty: PositiveFloat = 3.0, relax: Fraction = 0.9) -> Dialogue[Result]:
+def admm_mpc(
+    game: CoupledGame,
+    me: Me,
+    *,
+    penalty: PositiveFloat = 3.0,
+    relax: Fraction = 0.9,
+    multiplier_max: PositiveFloat | None = 1e3,
+) -> Dialogue[Result]:
     """Plan for all, pay for oneself, agree on the plans edge by edge; a round is one quadratic program for each agent.
 
     Agent i keeps a copy x of the plans of all. Its own problem f_i(x) has its own cost, one part in N of the common
@@ -30,6 +37,8 @@ def admm_mpc(game: CoupledGame, me: Me, *, penalty: PositiveFloat = 3.0, relax: 
         me: This agent.
         penalty: rho.
         relax: alpha.
+        multiplier_max: Bound of the multipliers of an agent's own problem where it has no solution: the price of
+            violating a shared constraint. None: such a step is an error.
 
     Raises:
         AlgorithmError: The game has no potential, or the agent's own problem no solution; then the solver's status is
@@ -45,13 +54,13 @@ def admm_mpc(game: CoupledGame, me: Me, *, penalty: PositiveFloat = 3.0, relax: 
         return me.result(plan)
     local = local_problem(me.id, shares)
     copies = Copies(me, game, tuple(shares), local, penalty, relax)
-    qp = LocalQP(local, copies.weight, copies.last)
+    qp = LocalQP(local, copies.weight, copies.last, multiplier_max)
     x, change = qp.solve(copies.pull), float("inf")
     while True:
         inbox = yield copies.said(x.v), change
         copies.hear(inbox)
         new = qp.solve(copies.pull)
         change, x = max(float(abs(new.v - x.v).max()), copies.moved), new
-        me.note(u=x.v[copies.own], iterations=qp.iterations)
+        me.note(u=x.v[copies.own], iterations=qp.iterations, softened=qp.softened)
         if inbox.stop:
             return me.result(x.v[copies.own], **copies.memory(x))

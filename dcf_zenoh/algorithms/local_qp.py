@@ -5,12 +5,14 @@ from typing import NamedTuple
 import numpy as np
 import osqp
 from scipy import sparse
+from scipy.linalg import block_diag
 
 from dcf_zenoh.errors import AlgorithmError
 from dcf_zenoh.plant import Array, read_only
 from dcf_zenoh.problems.central import Whole
 
 TOLERANCE = 1e-9  # of the solver, absolute and relative
+INFEASIBLE = ("primal infeasible", "primal infeasible inaccurate")  # OSQP's words
 CHECK_EVERY = 5  # iterations; a warm start needs few
 
 
@@ -32,30 +34,32 @@ class LocalQP:
     It is asked for one pull after another. OSQP is set up once and keeps its factorisation; each solve starts where the
     last one ended. Its settings count iterations, none is timed, so that the same calls give the same bits.
 
+    Where there is no such v, the inequalities are softened for good: a slack is added to each that is not a bound on a
+    component, and paid for.
+
     Args:
         whole: M, r, G, low and high.
         weight: Not negative; positive if M is not positive definite.
         warm: Where to start the first solve; None, or one of another shape: at zero.
+        slack_price: Of what an inequality is missed by; None: no solution is an error.
 
     Attributes:
         iterations: Of OSQP, in the last solve.
+        softened: There was no solution without slack.
 
     Source: Stellato, Banjac, Goulart, Bemporad, Boyd, "OSQP: an operator splitting solver for quadratic programs",
     Mathematical Programming Computation, 2020.
     """
 
-    def __init__(self, whole: Whole, weight: float, warm: Solution | None = None) -> None:
-        n = len(whole.r)
-        self._r = whole.r
-        self._solver = osqp.OSQP()
-        self._solver.setup(
-            sparse.csc_matrix(np.triu(whole.M + weight * np.eye(n))), whole.r,
-            sparse.csc_matrix(whole.G), whole.low, whole.high,
-            verbose=False, eps_abs=TOLERANCE, eps_rel=TOLERANCE, max_iter=20_000, check_termination=CHECK_EVERY,
-            adaptive_rho_interval=25,  # counted, never timed: the same bits again
-        )  # fmt: skip
-        self.iterations = 0
-        if warm is not None and (len(warm.v), len(warm.prices)) == (n, len(whole.G)):
+    def __init__(
+        self, whole: Whole, weight: float, warm: Solution | None = None, slack_price: float | None = None
+    ) -> None:
+        self._r, self._rows = whole.r, len(whole.G)
+        self._program = whole._replace(M=whole.M + weight * np.eye(len(whole.r)))
+        self._slack_price = slack_price
+        self._solver = _set_up(self._program)
+        self.iterations, self.softened = 0, False
+        if warm is not None and (len(warm.v), len(warm.prices)) == (len(whole.r), self._rows):
             self._solver.warm_start(x=np.array(warm.v), y=np.array(warm.prices))
 
     def solve(self, pull: Array) -> Solution:
@@ -64,9 +68,38 @@ class LocalQP:
         Raises:
             AlgorithmError: There is none, or it was not found; the message has the solver's status.
         """
-        self._solver.update(q=self._r - pull)
+        n = len(self._r)
+        self._solver.update(q=np.concatenate((self._r - pull, self._program.r[n:])))
         found = self._solver.solve(raise_error=False)
+        if found.info.status in INFEASIBLE and self._slack_price is not None and not self.softened:
+            self.softened, self._program = True, _softened(self._program, self._slack_price)
+            self._solver = _set_up(self._program)
+            return self.solve(pull)
         if found.info.status != "solved":
             raise AlgorithmError(f"the local problem has no solution: OSQP says {found.info.status}")
         self.iterations = int(found.info.iter)
-        return Solution(read_only(found.x), read_only(found.y))
+        return Solution(read_only(found.x[:n]), read_only(found.y[: self._rows]))
+
+
+def _set_up(program: Whole) -> osqp.OSQP:
+    solver = osqp.OSQP()
+    solver.setup(
+        sparse.csc_matrix(np.triu(program.M)), program.r, sparse.csc_matrix(program.G), program.low, program.high,
+        verbose=False, eps_abs=TOLERANCE, eps_rel=TOLERANCE, max_iter=20_000, check_termination=CHECK_EVERY,
+        adaptive_rho_interval=25,  # counted, never timed: the same bits again
+    )  # fmt: skip
+    return solver
+
+
+def _softened(program: Whole, price: float) -> Whole:
+    """With a slack s >= 0 for every row of several components: G v - s <= high, at price's."""
+    n, soft = len(program.r), np.flatnonzero((np.count_nonzero(program.G, axis=1) > 1) & np.isinf(program.low))
+    slack = np.zeros((len(program.G), len(soft)))
+    slack[soft, np.arange(len(soft))] = -1.0
+    return program._replace(
+        M=block_diag(program.M, np.zeros((len(soft), len(soft)))),
+        r=np.concatenate((program.r, np.full(len(soft), price))),
+        G=np.block([[program.G, slack], [np.zeros((len(soft), n)), np.eye(len(soft))]]),
+        low=np.concatenate((program.low, np.zeros(len(soft)))),
+        high=np.concatenate((program.high, np.full(len(soft), np.inf))),
+    )

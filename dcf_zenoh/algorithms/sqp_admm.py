@@ -14,7 +14,13 @@ from dcf_zenoh.spec import PositiveFloat
 
 @needs(NonlinearGame, links="undirected", agents=2)
 def sqp_admm(
-    game: NonlinearGame, me: Me, *, penalty: PositiveFloat = 5.0, relax: Fraction = 0.9, inner: Count = 10
+    game: NonlinearGame,
+    me: Me,
+    *,
+    penalty: PositiveFloat = 5.0,
+    relax: Fraction = 0.9,
+    inner: Count = 10,
+    multiplier_max: PositiveFloat | None = 1e3,
 ) -> Dialogue[Result]:
     """Take the constraints as linear near the plans of now, agree on the plans by ADMM, and so on from there.
 
@@ -35,6 +41,8 @@ def sqp_admm(
         penalty: rho.
         relax: alpha.
         inner: Rounds of each outer iteration.
+        multiplier_max: Bound of the multipliers of an agent's own problem where it has no solution: the price of
+            violating a shared constraint. None: such a step is an error.
 
     Raises:
         AlgorithmError: The game has no potential, or the agent's own problem no solution; then the solver's status is
@@ -54,11 +62,11 @@ def sqp_admm(
     x, number = copies.last or Solution(np.tile(game.start(None), len(shares)), nothing()), 0
     while True:
         if number % inner == 0:
-            qp, near = LocalQP(linearised(local, game, shares, x), copies.weight, x), x.v
+            qp, near = LocalQP(linearised(local, game, shares, x), copies.weight, x, multiplier_max), x.v
         new, number = qp.solve(copies.pull), number + 1
         change = max(float(abs(new.v - x.v).max()), float(abs(new.v - near).max()), copies.moved)
         x = new
-        me.note(u=x.v[copies.own], iterations=qp.iterations)
+        me.note(u=x.v[copies.own], iterations=qp.iterations, softened=qp.softened)
         inbox = yield copies.said(x.v), change
         copies.hear(inbox)
         if inbox.stop:

@@ -192,9 +192,11 @@ def test_no_way_to_keep_clear_is_said_in_one_line_with_the_solver_s_status() -> 
     states = {1: np.array([0.55, 0.0, -6.0, 0.0]), 2: np.array([3.0, 3.0, 0.0, 0.0])}
     games = {i: PositionSwap(i, (1, 2), SAMPLE_TIME, target=(0.0, 0.0), obstacles=wall).at(states) for i in states}
     with pytest.raises(AlgorithmError, match=r"^the local problem has no solution: OSQP says primal infeasible$"):
-        lockstep(admm_mpc, games, fleet_of(graph("complete", (1, 2))), 20)
+        lockstep(partial(admm_mpc, multiplier_max=None), games, fleet_of(graph("complete", (1, 2))), 20)
     with pytest.raises(AlgorithmError, match="OSQP says primal infeasible"):
         solve_together({i: game.share() for i, game in games.items()})
+    softly = lockstep(admm_mpc, games, fleet_of(graph("complete", (1, 2))), 60)
+    assert softly[1].decision[0] == pytest.approx(2.0, abs=1e-3)  # it brakes as hard as it can
 
 
 def test_a_game_without_a_common_cost_is_refused() -> None:

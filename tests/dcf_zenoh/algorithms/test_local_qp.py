@@ -87,3 +87,22 @@ def test_no_solution_is_said_with_the_solver_s_status() -> None:
     falling = boxed(0)._replace(M=np.zeros((N, N)), low=np.full(N, -np.inf))
     with pytest.raises(AlgorithmError, match=r"^the local problem has no solution: OSQP says dual infeasible$"):
         LocalQP(falling, 0.0).solve(np.full(N, -10.0))
+
+
+def test_what_cannot_be_kept_is_missed_by_as_little_as_can_be() -> None:
+    """Components of at most 1/2 cannot sum to 8 or more: all go to their bounds; the price does not matter."""
+    low, high = np.append(np.full(N, -0.5), -np.inf), np.append(np.full(N, 0.5), -8.0)
+    whole = boxed(0)._replace(G=np.vstack((np.eye(N), -np.ones(N))), low=low, high=high)
+    soft = LocalQP(whole, 2.0, slack_price=1e3)
+    for pull in np.random.default_rng(1).normal(size=(3, N)):
+        found = soft.solve(pull)
+        np.testing.assert_allclose(found.v, 0.5, atol=1e-6)
+        assert found.prices[-1] == pytest.approx(1e3)
+    assert soft.softened
+
+
+def test_slack_changes_nothing_where_there_is_a_solution() -> None:
+    pull = np.random.default_rng(3).normal(scale=5, size=N)
+    hard, soft = LocalQP(boxed(3), 2.0), LocalQP(boxed(3), 2.0, slack_price=1e3)
+    assert hard.solve(pull).v.tobytes() == soft.solve(pull).v.tobytes()
+    assert not soft.softened

@@ -146,7 +146,9 @@ def test_no_way_to_keep_apart_is_said_in_one_line_with_the_solver_s_status() -> 
     states = {1: np.array([0.3, 0.2, -1.5, 0.0]), 2: np.array([-0.3, 0.1, 1.5, 0.0])}
     games = {i: DistanceSwap(i, (1, 2), SAMPLE_TIME, target=(0.0, 0.0)).at(states) for i in states}
     with pytest.raises(AlgorithmError, match=r"^the local problem has no solution: OSQP says primal infeasible$"):
-        lockstep(sqp_admm, games, fleet_of(graph("complete", (1, 2))), 20)
+        lockstep(partial(sqp_admm, multiplier_max=None), games, fleet_of(graph("complete", (1, 2))), 20)
+    softly = lockstep(sqp_admm, games, fleet_of(graph("complete", (1, 2))), 60)
+    assert softly[1].decision[0] == pytest.approx(2.0, abs=1e-3)  # it brakes as hard as it can
 
 
 def test_one_solver_for_all_refuses_what_is_not_linear() -> None:
