@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 HERE = Path(__file__).parent
-# Tests of processes in real time. They run one by one (`make test`), and where the machine is held up for a second
-# nevertheless, and what they show is not so, they get a second try. All others have to pass at once.
+# Tests of processes in real time. Where the machine is held up for a second, and what they show is not so, they get a
+# second try. All others have to pass at once. Those of a whole fleet run one by one (`make test`).
 IN_REAL_TIME = (
     "agentd/test_compare.py",
     "agentd/test_daemon.py",
@@ -33,6 +33,9 @@ IN_REAL_TIME = (
 )
 
 
+OF_ONE = ("dcf_zenoh/messaging", "plants")  # one body or session at a time: two of these get along
+
+
 def pytest_collection_finish() -> None:
     """Spare the garbage collector all that is imported by now: simulations are a tenth faster."""
     gc.freeze()
@@ -41,6 +44,9 @@ def pytest_collection_finish() -> None:
 def pytest_collection_modifyitems(items: Iterable[pytest.Item]) -> None:
     """Mark tests in real time, and give them a second try."""
     for item in items:
-        if item.path.relative_to(HERE).as_posix().startswith(IN_REAL_TIME):
+        place = item.path.relative_to(HERE).as_posix()
+        if place.startswith(IN_REAL_TIME):
             item.add_marker(pytest.mark.real_time)
             item.add_marker(pytest.mark.flaky(reruns=1))
+            if not place.startswith(OF_ONE):
+                item.add_marker(pytest.mark.alone)
