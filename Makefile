@@ -14,7 +14,7 @@ test: $(READY)  ## every check
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/python -m pytest --numprocesses 2 --dist worksteal --durations 10 -m 'not real_time'
-	$(BIN)/python -m pytest --numprocesses 2 --dist worksteal --durations 10 -m 'real_time and not alone'
+	$(BIN)/python -m pytest --numprocesses 4 --dist worksteal --durations 10 -m 'real_time and not alone'
 	$(BIN)/python -m pytest --durations 20 -m alone
 
 bench: $(READY)  ## ratios against a bare Zenoh loop and the bare generators
