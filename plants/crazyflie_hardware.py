@@ -24,7 +24,7 @@ from plants.crazyflie_pose import Pose
 from plants.crazyflie_stream import Point
 from plants.crazyflie_uri import check_uri
 from plants.crazyflie_vitals import ARMED, Vitals
-from plants.crazyflie_watch import WITHOUT_SETPOINTS
+from plants.crazyflie_watch import link_lost
 
 log = logging.getLogger(__name__)
 
@@ -326,8 +326,11 @@ class CrazyflieHardware(Plant):
         link, _, pilot = craft
         for pause in pilot.land():
             if pilot.airborne and link.lost:
-                before = f"{pilot.failure}; then " if pilot.failure else ""
-                raise PlantError(f"not seen to land: {before}link lost ({link.lost}): {WITHOUT_SETPOINTS}")
+                now = link_lost(link.lost, on_its_own=pilot.on_its_own)
+                before = (
+                    f"{pilot.failure}; then " if pilot.failure and not pilot.failure.startswith("link lost") else ""
+                )
+                raise PlantError(f"not seen to land: {before}{now}")
             yield pause
         if pilot.airborne:
             raise PlantError(f"not seen to land: {pilot.failure or 'no reason is known'}")
