@@ -22,7 +22,7 @@ from plants.crazyflie_outbox import LOOK
 from plants.crazyflie_pilot import Pilot
 from plants.crazyflie_pose import Pose
 from plants.crazyflie_stream import Point
-from plants.crazyflie_uri import check_uri
+from plants.crazyflie_uri import check_uri, drone_of
 from plants.crazyflie_vitals import ARMED, Vitals
 from plants.crazyflie_watch import link_lost
 
@@ -144,6 +144,11 @@ class CrazyflieHardware(Plant):
         self._checks: tuple[Check, ...] = ()
         self._velocity_reference: Array | None = None
         self._heading = 0.0
+
+    @classmethod
+    def owned(cls, key: str, value: object) -> object:  # noqa: ARG003 - there is one
+        """The drone, whichever radio reaches it."""
+        return drone_of(str(value))
 
     def prepare(self) -> Iterator[float]:
         """Connect, and have the state sent; `connect_timeout` at most, typically 0.5 s with the tables in the cache.
