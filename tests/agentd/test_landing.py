@@ -77,6 +77,13 @@ def test_agentd_land_lands_all_bodies(sandbox: Sandbox, tmp_path: Path) -> None:
         assert (again.returncode, again.stderr) == (2, f"agentd: {launch.folder}: this run is over\n")
 
 
+def test_a_flight_that_did_not_begin_leaves_logs_and_no_figures(sandbox: Sandbox, tmp_path: Path) -> None:
+    fails = "agents.3.plants.body.fails='inspect'"
+    done = agentd("launch", str(sandbox.file), "--clock", "wall", "--set", fails, "--out", str(tmp_path / "run"))
+    assert done.returncode == 1
+    assert done.stdout.endswith(f"\n{tmp_path}/run: log of every agent\n")
+
+
 HANGS = """\
 import numpy as np
 
