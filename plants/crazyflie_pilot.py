@@ -72,6 +72,7 @@ class Pilot:
         self._rank = FLY
         self._activity: Iterator[None] = iter(())
         self._done = threading.Event()
+        self._stopping: threading.Thread | None = None
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._run, name="crazyflie-pilot", daemon=True)
 
@@ -82,7 +83,9 @@ class Pilot:
         self._thread.start()
 
     def end(self) -> None:
-        """No more setpoints."""
+        """No more setpoints, and the last word of an emergency stop is said."""
+        if self._stopping is not None:
+            self._stopping.join(2 * STOPPING)
         self._ended.set()
         if self._thread.is_alive():
             self._thread.join(1.0)
@@ -102,9 +105,11 @@ class Pilot:
     def stop(self) -> None:
         """Stop the motors at once; from any thread, even if others wait for the link."""
         self.failure = self.failure or "emergency stop"
+        self.airborne = False  # before others hear of it: it falls, and nothing lands it
         self._begin(STOP, _nothing)
         thread = threading.Thread(target=self._cut_motors, name="emergency-stop", daemon=True)
         thread.start()
+        self._stopping = thread
         thread.join(LOOK)  # unless the link is stuck, the first packet is out by then
 
     def _carry_out(self, rank: int, begin: Callable[[threading.Event], Iterator[None]]) -> Iterator[float]:
@@ -123,8 +128,9 @@ class Pilot:
         """Change the activity, unless that of now is more important; what will be set when it is through."""
         with self._lock:
             if rank > self._rank or rank == self._rank == FLY:
-                self._rank, self._done = rank, threading.Event()
+                before, self._rank, self._done = self._done, rank, threading.Event()
                 self._activity = begin(self._done)
+                before.set()  # nobody waits for what will not be carried out
             return self._done
 
     def _run(self) -> None:

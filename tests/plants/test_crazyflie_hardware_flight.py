@@ -338,6 +338,22 @@ def test_emergency_stop_cuts_the_motors_at_once_while_others_wait_for_the_link(
     assert "motors stopped" in drone.events
 
 
+def test_emergency_stop_ends_a_landing_that_is_under_way(drone: Emulated, cache: Path) -> None:
+    with flying(drone, cache) as plant:
+        landing = plant.finish(0, "stopped")
+        next(landing)
+        until(lambda: drone.commands("land"), "it is landing")
+        plant.emergency_stop()
+        assert drive(landing) < 2.0
+    assert "locked" in drone.events
+
+
+def test_emergency_stop_is_repeated_although_the_program_ends(drone: Emulated, cache: Path) -> None:
+    with flying(drone, cache) as plant:
+        plant.emergency_stop()
+    assert len(drone.commands("emergency_stop")) > 5
+
+
 def test_two_drones_in_one_process(emulator: Emulated, cache: Path, tmp_path: Path) -> None:
     emulator.renew()
     with (
