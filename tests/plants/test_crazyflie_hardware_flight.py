@@ -345,13 +345,13 @@ def test_emergency_stop_ends_a_landing_that_is_under_way(drone: Emulated, cache:
         until(lambda: drone.commands("land"), "it is landing")
         plant.emergency_stop()
         assert drive(landing) < 2.0
-    assert "locked" in drone.events
+    until(lambda: "locked" in drone.events, "it is locked")
 
 
 def test_emergency_stop_is_repeated_although_the_program_ends(drone: Emulated, cache: Path) -> None:
     with flying(drone, cache) as plant:
         plant.emergency_stop()
-    assert len(drone.commands("emergency_stop")) > 5
+    until(lambda: len(drone.commands("emergency_stop")) > 5, "it has been told more than once")
 
 
 def test_two_drones_in_one_process(emulator: Emulated, cache: Path, tmp_path: Path) -> None:
