@@ -113,6 +113,20 @@ def test_agentd_stop_reaches_a_body_whose_algorithm_hangs(sandbox: Sandbox, tmp_
         assert sandbox.of(agent)[-3:] == ["emergency", "finish stopped", "close"]
 
 
+def test_agentd_stop_is_answered_also_by_who_fails_because_of_it(sandbox: Sandbox, tmp_path: Path) -> None:
+    body = (tmp_path / "body.py").read_text()
+    stopped = "        self.stopped = True\n\n    def sense(self, now):\n"
+    stopped += '        if hasattr(self, "stopped"):\n            raise RuntimeError("motors off")\n'
+    stopped += "        return super().sense(now)\n"
+    (tmp_path / "body.py").write_text(body.replace('self.note("emergency")\n', 'self.note("emergency")\n' + stopped))
+    with Launch(sandbox.file, tmp_path / "run", *WALL, "safety.neighbour_silent.then='continue'") as launch:
+        launch.flying()
+        done = agentd("stop", str(launch.folder))
+        assert (done.returncode, done.stderr) == (0, "")
+        assert done.stdout.splitlines() == [f"agent {agent}: motors off" for agent in (1, 2, 3)]
+        assert launch.end() == 1
+
+
 def make_real(folder: Path) -> None:
     file = folder / "body.py"
     file.write_text(file.read_text().replace(REAL, f"{REAL}\n    real = True"))
