@@ -113,12 +113,22 @@ def test_agentd_stop_reaches_a_body_whose_algorithm_hangs(sandbox: Sandbox, tmp_
         assert sandbox.of(agent)[-3:] == ["emergency", "finish stopped", "close"]
 
 
+SLOW = """\
+        self.stopped = True
+
+    def act(self, setpoint, now):
+        super().act(setpoint, now)
+        for _ in range(15):  # most of the time it is here that it hears of the stop
+            time.sleep(0.01)
+            if hasattr(self, "stopped"):
+                raise RuntimeError("motors off")
+"""
+
+
 def test_agentd_stop_is_answered_also_by_who_fails_because_of_it(sandbox: Sandbox, tmp_path: Path) -> None:
-    body = (tmp_path / "body.py").read_text()
-    stopped = "        self.stopped = True\n\n    def sense(self, now):\n"
-    stopped += '        if hasattr(self, "stopped"):\n            raise RuntimeError("motors off")\n'
-    stopped += "        return super().sense(now)\n"
-    (tmp_path / "body.py").write_text(body.replace('self.note("emergency")\n', 'self.note("emergency")\n' + stopped))
+    body = "import time\n" + (tmp_path / "body.py").read_text()
+    heard = 'self.note("emergency")\n'
+    (tmp_path / "body.py").write_text(body.replace(heard, heard + SLOW))
     with Launch(sandbox.file, tmp_path / "run", *WALL, "safety.neighbour_silent.then='continue'") as launch:
         launch.flying()
         done = agentd("stop", str(launch.folder))
