@@ -72,7 +72,8 @@ class Pilot:
         self._rank = FLY
         self._activity: Iterator[None] = iter(())
         self._done = threading.Event()
-        self._stopping: threading.Thread | None = None
+        self._told = threading.Event()  # of an emergency stop, often enough, if there is one
+        self._told.set()
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._run, name="crazyflie-pilot", daemon=True)
 
@@ -84,8 +85,7 @@ class Pilot:
 
     def end(self) -> None:
         """No more setpoints, and the last word of an emergency stop is said."""
-        if self._stopping is not None:
-            self._stopping.join(2 * STOPPING)
+        self._told.wait(2 * STOPPING)
         self._ended.set()
         if self._thread.is_alive():
             self._thread.join(1.0)
@@ -104,12 +104,12 @@ class Pilot:
 
     def stop(self) -> None:
         """Stop the motors at once; from any thread, even if others wait for the link."""
+        self._told.clear()
         self.failure = self.failure or "emergency stop"
         self.airborne = False  # before others hear of it: it falls, and nothing lands it
         self._begin(STOP, _nothing)
         thread = threading.Thread(target=self._cut_motors, name="emergency-stop", daemon=True)
         thread.start()
-        self._stopping = thread
         thread.join(LOOK)  # unless the link is stuck, the first packet is out by then
 
     def _carry_out(self, rank: int, begin: Callable[[threading.Event], Iterator[None]]) -> Iterator[float]:
@@ -257,6 +257,7 @@ class Pilot:
             self._link.emergency_stop()
             self.airborne = False
             time.sleep(1.0 / self._bounds.rate)  # between two packets
+        self._told.set()
 
     @property
     def _height(self) -> float:
