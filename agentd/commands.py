@@ -430,7 +430,8 @@ def _finish(run: Run, options: Namespace) -> None:
         written = write_report([run], run.folder, animate=options.animate)
         written += write_oracle([run], judged, run.folder) if judged else []
         if not options.json:
-            print(f"{run.folder}: log of every agent, and {', '.join(path.name for path in written)}")
+            figures = f", and {', '.join(path.name for path in written)}" if written else ""
+            print(f"{run.folder}: log of every agent{figures}")
 
 
 def _judge(runs: Sequence[Run]) -> "list[Oracle]":

@@ -110,6 +110,9 @@ def run_agent(fleet: LoadedFleet, task: Assignment) -> Last:
             ending = _run(fleet, parts, network, offsets, control, status)
         finally:
             parts.plant.close()
+            for command in network.unanswered():
+                if command.request == HALT:  # it reached the body, and that ended the loop before the loop answered
+                    command.reply(control.obey(command.request, 0))
     if ending.cause:
         raise ending.cause
     return ending.last

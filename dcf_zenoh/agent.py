@@ -97,7 +97,7 @@ class Agent:
         Raises:
             NotReady: Not all of the fleet got ready, or it did not agree on a start in time.
             NumericalError: A plant or a controller produced a value that is not a number.
-            PlantError: The plant raised an exception.
+            PlantError: The plant raised an exception, or the body was not seen to come down after a failure.
             AlgorithmError: The algorithm, or the problem or controller around it, raised an exception.
             Stopped: Somebody wanted the agent to stop.
         """
@@ -106,7 +106,8 @@ class Agent:
             now = yield Wait(step * self._sample_time)
             state = self._last_state(now)
         except Exception as error:
-            yield from self._come_down(error)
+            if in_the_air := (yield from self._come_down(error)):
+                raise PlantError(f"{error}; then {in_the_air}") from error
             raise
         yield self._exchange.goodbye(step, now, last)
         reason = last.name.lower()
@@ -144,9 +145,10 @@ class Agent:
         self._recorder.event("joined", now, step=step)
         return step
 
-    def _come_down(self, error: Exception) -> Loop[None]:
-        """Say goodbye after a failure, land, and end the log."""
+    def _come_down(self, error: Exception) -> Loop[PlantError | None]:
+        """Say goodbye after a failure, land, and end the log; what went wrong with the landing."""
         reason, remark, now = "stopped" if isinstance(error, Stopped) else "failed", str(error), 0
+        problem: PlantError | None = None
         try:
             now = yield self._exchange.goodbye(NEVER, 0, Last.FAILED)
         except Exception as another:  # nobody hears it; the body lands all the same
@@ -154,8 +156,10 @@ class Agent:
         try:
             yield from self._flight.land(now, reason)
         except PlantError as another:
+            problem = another
             remark += f"; then {another}"
         self._recorder.end(reason, -1, State(), remark, self._exchange.counts)
+        return problem
 
     def _step(self, step: int) -> Loop[Last | None]:
         """One turn of the loop; the reason to end, if there is one."""

@@ -102,12 +102,17 @@ class Plant(ABC):
     Attributes:
         real: It moves in the real world: a person has to agree to the take-off, and time is that of the wall clock.
         landing_time: Longest time that `finish` takes, s.
-        own_keys: Keys of its table whose values no two agents may share.
+        own_keys: Keys of its table whose values no two agents may share; `owned` says which values are the same.
     """
 
     real: ClassVar[bool] = False
     landing_time: ClassVar[float] = 0.0
     own_keys: ClassVar[tuple[str, ...]] = ()
+
+    @classmethod
+    def owned(cls, key: str, value: object) -> object:  # noqa: ARG003
+        """What is taken by a `value` of one of `own_keys`; equal for two values that mean the same thing."""
+        return value
 
     def prepare(self) -> Pauses:
         """Connect; nothing moves. Called once, before any other method."""

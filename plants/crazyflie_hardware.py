@@ -22,9 +22,9 @@ from plants.crazyflie_outbox import LOOK
 from plants.crazyflie_pilot import Pilot
 from plants.crazyflie_pose import Pose
 from plants.crazyflie_stream import Point
-from plants.crazyflie_uri import check_uri
+from plants.crazyflie_uri import check_uri, drone_of
 from plants.crazyflie_vitals import ARMED, Vitals
-from plants.crazyflie_watch import WITHOUT_SETPOINTS
+from plants.crazyflie_watch import link_lost
 
 log = logging.getLogger(__name__)
 
@@ -144,6 +144,11 @@ class CrazyflieHardware(Plant):
         self._checks: tuple[Check, ...] = ()
         self._velocity_reference: Array | None = None
         self._heading = 0.0
+
+    @classmethod
+    def owned(cls, key: str, value: object) -> object:  # noqa: ARG003 - there is one
+        """The drone, whichever radio reaches it."""
+        return drone_of(str(value))
 
     def prepare(self) -> Iterator[float]:
         """Connect, and have the state sent; `connect_timeout` at most, typically 0.5 s with the tables in the cache.
@@ -326,8 +331,11 @@ class CrazyflieHardware(Plant):
         link, _, pilot = craft
         for pause in pilot.land():
             if pilot.airborne and link.lost:
-                before = f"{pilot.failure}; then " if pilot.failure else ""
-                raise PlantError(f"not seen to land: {before}link lost ({link.lost}): {WITHOUT_SETPOINTS}")
+                now = link_lost(link.lost, on_its_own=pilot.on_its_own)
+                before = (
+                    f"{pilot.failure}; then " if pilot.failure and not pilot.failure.startswith("link lost") else ""
+                )
+                raise PlantError(f"not seen to land: {before}{now}")
             yield pause
         if pilot.airborne:
             raise PlantError(f"not seen to land: {pilot.failure or 'no reason is known'}")

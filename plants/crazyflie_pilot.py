@@ -22,6 +22,7 @@ log = logging.getLogger(__name__)
 CLIMB, CRUISE, SINK = 0.4, 0.3, 0.2  # m/s on average, under the firmware's own planner
 SHORTEST = 1.5  # s for a planned manoeuvre
 AGAIN = 0.1  # s until an order that was not accepted is repeated; without any, it would fall after 2 s
+HEARD = 0.1  # s since anything came: what is sent is heard
 PATIENCE = 3.0  # s until an order has to be accepted, and it has to have left the ground
 LIFTED = 0.05  # m above the ground
 OVERTIME = 4.0  # s for a manoeuvre beyond its plan
@@ -53,6 +54,7 @@ class Pilot:
         stream: What the drone is told in between manoeuvres.
         failure: What went wrong; empty if nothing did.
         airborne: It is in the air, as far as one knows.
+        on_its_own: The firmware's planner flies it, and does so without a link as well.
         ground: Height at which it stood when it took off, in m.
     """
 
@@ -63,13 +65,15 @@ class Pilot:
         self._pose = pose
         self.stream = Stream(link, vitals, bounds)
         self.failure = ""
-        self.airborne = False
+        self.airborne = self.on_its_own = False
         self.ground = 0.0
         self._watch = Watch(link, vitals, self.stream, bounds, pose)
         self._lock = threading.Lock()  # guards _rank, _activity and _done, which change together, from any thread
         self._rank = FLY
         self._activity: Iterator[None] = iter(())
         self._done = threading.Event()
+        self._told = threading.Event()  # of an emergency stop, often enough, if there is one
+        self._told.set()
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._run, name="crazyflie-pilot", daemon=True)
 
@@ -80,7 +84,8 @@ class Pilot:
         self._thread.start()
 
     def end(self) -> None:
-        """No more setpoints."""
+        """No more setpoints, and the last word of an emergency stop is said."""
+        self._told.wait(2 * STOPPING)
         self._ended.set()
         if self._thread.is_alive():
             self._thread.join(1.0)
@@ -99,7 +104,9 @@ class Pilot:
 
     def stop(self) -> None:
         """Stop the motors at once; from any thread, even if others wait for the link."""
+        self._told.clear()
         self.failure = self.failure or "emergency stop"
+        self.airborne = False  # before others hear of it: it falls, and nothing lands it
         self._begin(STOP, _nothing)
         thread = threading.Thread(target=self._cut_motors, name="emergency-stop", daemon=True)
         thread.start()
@@ -121,8 +128,9 @@ class Pilot:
         """Change the activity, unless that of now is more important; what will be set when it is through."""
         with self._lock:
             if rank > self._rank or rank == self._rank == FLY:
-                self._rank, self._done = rank, threading.Event()
+                before, self._rank, self._done = self._done, rank, threading.Event()
                 self._activity = begin(self._done)
+                before.set()  # nobody waits for what will not be carried out
             return self._done
 
     def _run(self) -> None:
@@ -133,7 +141,7 @@ class Pilot:
             try:
                 if self._pose is not None:
                     self._pose.forward(self._link)
-                if self.airborne and self._rank == FLY and (trouble := self._watch.look()):
+                if self.airborne and self._rank == FLY and (trouble := self._watch.look(on_its_own=self.on_its_own)):
                     self._give_up(trouble)
                 next(self._activity, None)
             except Exception as error:  # whatever it is, the drone must not stay in the air
@@ -216,6 +224,7 @@ class Pilot:
             self._link.commander.send_notify_setpoint_stop()  # first: then the planner begins where the drone is
             order()
             yield from _pause(AGAIN)
+        self.on_its_own |= self._link.accepted_since(began)
 
     def _arrive(self, point: Point, planned: float, what: str, done: threading.Event) -> Iterator[None]:
         """Leave it to the firmware's planner until an instant, then hover at `point`: soon it has to be there."""
@@ -227,15 +236,20 @@ class Pilot:
                 there = np.round(self._vitals.motion.position, 2).tolist()
                 self._give_up(f"{what}: expected to hover at {list(point)} m, came to {there} m")
                 return
-            self.stream.send()
+            self._send()
             yield
         done.set()
         yield from self._hover(math.inf)
 
     def _hover(self, until: float) -> Iterator[None]:
         while time.monotonic() < until:
-            self.stream.send()
+            self._send()
             yield
+
+    def _send(self) -> None:
+        """One setpoint, which takes over from the firmware's planner if it is heard."""
+        self.stream.send()
+        self.on_its_own &= self._link.silence > HEARD
 
     def _cut_motors(self) -> None:
         until = time.monotonic() + STOPPING
@@ -243,6 +257,7 @@ class Pilot:
             self._link.emergency_stop()
             self.airborne = False
             time.sleep(1.0 / self._bounds.rate)  # between two packets
+        self._told.set()
 
     @property
     def _height(self) -> float:

@@ -20,6 +20,7 @@ def check_uri(uri: str) -> None:
     """Refuse what is not the full and only way to write the address of one Crazyflie.
 
     Libraries accept more, with defaults for what is left out; but then two agents could name one drone in two ways.
+    For what is left of that see `drone_of`.
 
     Raises:
         ValueError: It is not; the message says what is wrong and what is allowed.
@@ -32,6 +33,13 @@ def check_uri(uri: str) -> None:
         problem = "" if re.fullmatch(r"usb://[0-9]", uri) else "it has none of the forms"
     if problem:
         raise ValueError(f"uri {uri!r}: {problem}; allowed: {', '.join(FORMS)}")
+
+
+def drone_of(uri: str) -> str:
+    """What two URIs of one drone have in common: whichever radio, it listens at one channel, rate and address."""
+    if match := RADIO.fullmatch(uri):
+        return "/".join(match.groups()[1:])
+    return uri.lower().replace("://localhost:", "://127.0.0.1:")
 
 
 def is_wireless(uri: str) -> bool:

@@ -18,6 +18,15 @@ WITHOUT_SETPOINTS = (
     "nothing can be sent; without setpoints the firmware levels out after 0.5 s, and after 2 s it stops the motors,"
     " falls, and stays locked until it is restarted"
 )
+ON_ITS_OWN = (
+    "nothing can be sent; its planner on board flies it: if it was landing it lands, otherwise it hovers until it is"
+    " reached again or its battery is empty"
+)
+
+
+def link_lost(why: str, *, on_its_own: bool) -> str:
+    """That the link is lost, and what the drone does now."""
+    return f"link lost ({why}): {ON_ITS_OWN if on_its_own else WITHOUT_SETPOINTS}"
 
 
 class Watch:
@@ -44,13 +53,13 @@ class Watch:
         self._battery_fine = self._looked = self._patience = time.monotonic()
         self._flew: float | None = None
 
-    def look(self) -> str:
-        """What is wrong; empty if nothing is."""
+    def look(self, *, on_its_own: bool) -> str:
+        """What is wrong; empty if nothing is. Without a link it matters whether the drone flies on its own."""
         now = time.monotonic()
         if now - self._looked > STUTTER + 1.0 / self._bounds.rate:
             self._patience = now + STUTTER
         self._looked = now
-        return (self._body(now) or self._silence()) if now >= self._patience else ""
+        return (self._body(now) or self._silence(on_its_own)) if now >= self._patience else ""
 
     def _body(self, now: float) -> str:
         health = self._vitals.health
@@ -67,10 +76,10 @@ class Watch:
             return f"battery {health.battery:.2f} V, at least {self._bounds.battery_low:g} V is needed"
         return ""
 
-    def _silence(self) -> str:
+    def _silence(self, on_its_own: bool) -> str:
         bounds = self._bounds
         if lost := self._link.lost:
-            return f"link lost ({lost}): {WITHOUT_SETPOINTS}"
+            return link_lost(lost, on_its_own=on_its_own)
         if (age := self._vitals.motion.age) > bounds.state_age_max:
             return f"its state is {age:.2f} s old, at most {bounds.state_age_max:g} s is allowed"
         if self._pose is not None and self._pose.age > POSE_AGE_MAX:

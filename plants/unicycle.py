@@ -76,7 +76,7 @@ class Unicycle(Plant):
             if not value > 0:
                 raise ValueError(f"{name} must be positive, not {value}")
         if len(start) != 2:
-            raise ValueError(f"start must be [x, y] in m, not {list(start)}")
+            raise ValueError(f"start must be [x, y] in m, not {start.tolist()}")
         self._look_ahead = look_ahead
         self._rim_speed_max = wheel_radius * wheel_speed_max
         self._half_base = wheel_base / 2

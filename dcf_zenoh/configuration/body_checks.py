@@ -28,7 +28,14 @@ def check_arena(spec: FleetSpec, problems: Problems) -> None:
                 )
 
 
-def check_body(plugin: object, spec: FleetSpec, problems: Problems, name: str, users: Iterable[int]) -> None:
+def check_body(
+    plugin: object,
+    spec: FleetSpec,
+    problems: Problems,
+    name: str,
+    users: Iterable[int],
+    owners: dict[tuple[object, str, str], int],
+) -> None:
     """Check what the kind of a body asks for.
 
     Args:
@@ -37,19 +44,21 @@ def check_body(plugin: object, spec: FleetSpec, problems: Problems, name: str, u
         problems: What is wrong.
         name: Of the plant.
         users: Agents that have it.
+        owners: Kind, key and value -> who has what no other may have, over all plants of the fleet; is added to.
     """
     if getattr(plugin, "real", False) and spec.time.clock == "virtual":
         problems.add(
             f"plants.{name}", "moves in the real world, which knows no virtual time: launch it with --clock wall"
         )
     for option in getattr(plugin, "own_keys", ()):
-        owners: dict[str, int] = {}
+        owned = getattr(plugin, "owned", lambda _key, value: value)
         for agent in users:
             own = spec.agent(agent).plant
             if own is None or option not in own.options:
                 continue
-            value = repr(own.options[option])
-            if value in owners:
+            value = own.options[option]
+            taken = plugin, option, repr(owned(option, value))
+            if taken in owners:
                 key = f"agents.{agent}.plants.{name}.{option}"
-                problems.add(key, f"{value} is taken by agent {owners[value]}; each needs its own")
-            owners.setdefault(value, agent)
+                problems.add(key, f"{value!r} is taken by agent {owners[taken]}; each needs its own")
+            owners.setdefault(taken, agent)

@@ -128,6 +128,7 @@ def _check_problem(spec: FleetSpec, shelf: Shelf) -> None:
 
 
 def _check_plants(spec: FleetSpec, shelf: Shelf) -> None:
+    owners: dict[tuple[object, str, str], int] = {}
     for name, kind in spec.plants.items():
         users = [agent for agent, own in spec.agents.items() if (own.plant or spec.plant) == name]
         overrides = {agent: own.plants[name] for agent, own in spec.agents.items() if name in own.plants}
@@ -138,7 +139,7 @@ def _check_plants(spec: FleetSpec, shelf: Shelf) -> None:
         schema = shelf.schema("plants", kind.kind, f"plants.{name}", used=bool(users))
         _check_overridden(shelf, schema, kind, f"plants.{name}", overrides=overrides, users=users, key=key)
         if users and schema and (plugin := shelf.plugin("plants", kind.kind)):
-            check_body(plugin, spec, shelf.problems, name, users)
+            check_body(plugin, spec, shelf.problems, name, users, owners)
 
 
 def _check_overridden(

@@ -15,7 +15,7 @@ import json
 import os
 import re
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from math import inf
@@ -318,6 +318,14 @@ class Network:
             congestion_control=zenoh.CongestionControl.BLOCK,
             express=True,
         )
+
+    def unanswered(self) -> Iterator[Command]:
+        """What operators have asked for and nobody has looked at; for the end, when nobody will."""
+        with suppress(Empty):
+            while True:
+                event = self._events.get_nowait()
+                if isinstance(event, Command):
+                    yield event
 
     def _command(self, query: zenoh.Query) -> None:
         request = query.payload.to_bytes() if query.payload else b""

@@ -1,6 +1,7 @@
 """What a person, or a test, says to emulated drones while they run: one line, one answer."""
 
 import json
+import math
 from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
@@ -10,6 +11,7 @@ from plants.emulator.drone import Drone
 from plants.emulator.truth import rounded
 
 ENDLESS = float("inf")
+STATIONS_MAX = 16  # base stations that Lighthouse knows
 
 
 class Misunderstood(ValueError):
@@ -52,12 +54,12 @@ def obey(line: str, drones: Mapping[int, Drone], now: float) -> str:
 
 
 def _battery(drone: Drone, now: float, words: list[str]) -> str:  # noqa: ARG001
-    drone.firmware.battery.set(float(words[0]))
+    drone.firmware.battery.set(_number(words[0], least=0.0))
     return ""
 
 
 def _silence(drone: Drone, now: float, words: list[str]) -> str:
-    drone.radio.silence(now, float(words[0]))
+    drone.radio.silence(now, _number(words[0], least=0.0))
     return ""
 
 
@@ -72,7 +74,7 @@ def _restore_link(drone: Drone, now: float, words: list[str]) -> str:  # noqa: A
 
 
 def _loss(drone: Drone, now: float, words: list[str]) -> str:  # noqa: ARG001
-    drone.radio.loss = float(words[0])
+    drone.radio.loss = _number(words[0], least=0.0, most=1.0)
     return ""
 
 
@@ -87,7 +89,7 @@ def _tumble(drone: Drone, now: float, words: list[str]) -> str:  # noqa: ARG001
 
 
 def _variance(drone: Drone, now: float, words: list[str]) -> str:  # noqa: ARG001
-    drone.firmware.belief.fixed_variance = None if words[0] == "off" else float(words[0])
+    drone.firmware.belief.fixed_variance = None if words[0] == "off" else _number(words[0], least=0.0)
     return ""
 
 
@@ -97,17 +99,17 @@ def _freeze(drone: Drone, now: float, words: list[str]) -> str:  # noqa: ARG001
 
 
 def _stations(drone: Drone, now: float, words: list[str]) -> str:  # noqa: ARG001
-    drone.firmware.lighthouse.received = (1 << int(words[0])) - 1
+    drone.firmware.lighthouse.received = (1 << int(_number(words[0], least=0, most=STATIONS_MAX))) - 1
     return ""
 
 
 def _drift(drone: Drone, now: float, words: list[str]) -> str:  # noqa: ARG001
-    drone.firmware.body.push = np.array([float(words[0]), float(words[1])])
+    drone.firmware.body.push = np.array([_number(words[0]), _number(words[1])])
     return ""
 
 
 def _place(drone: Drone, now: float, words: list[str]) -> str:  # noqa: ARG001
-    x, y, *yaw = (float(word) for word in words)
+    x, y, *yaw = (_number(word) for word in words)
     drone.firmware.place(np.array([x, y]), np.radians(yaw[0]) if yaw else 0.0)
     return ""
 
@@ -132,8 +134,26 @@ def _state(drone: Drone, now: float, words: list[str]) -> str:  # noqa: ARG001
 
 
 def _switched_on(words: list[str]) -> bool:
-    """Whether 'on' is said, or nothing."""
-    return {"on": True, "off": False}[words[0]] if words else True
+    """Whether 'on' is said, or nothing.
+
+    Raises:
+        ValueError: Something else is said.
+    """
+    if words not in ([], ["on"], ["off"]):
+        raise ValueError(words)
+    return words != ["off"]
+
+
+def _number(word: str, least: float = -ENDLESS, most: float = ENDLESS) -> float:
+    """A finite number in a range.
+
+    Raises:
+        ValueError: It is none.
+    """
+    number = float(word)
+    if not math.isfinite(number) or not least <= number <= most:
+        raise ValueError(word)
+    return number
 
 
 VERBS = {
@@ -141,12 +161,12 @@ VERBS = {
     "silence": Verb("SECONDS", _silence),
     "kill-link": Verb("", _kill_link),
     "restore-link": Verb("", _restore_link),
-    "loss": Verb("PROBABILITY", _loss),
+    "loss": Verb("PROBABILITY (0 to 1)", _loss),
     "refuse-arm": Verb("[on|off]", _refuse_arm),
     "tumble": Verb("[on|off]", _tumble),
     "variance": Verb("SQUARE_METRES|off", _variance),
     "freeze-estimate": Verb("[on|off]", _freeze),
-    "base-stations": Verb("NUMBER", _stations),
+    "base-stations": Verb("NUMBER (0 to 16)", _stations),
     "drift": Verb("VX VY", _drift),
     "place": Verb("X Y [YAW_DEGREES]", _place),
     "restart": Verb("", _restart),

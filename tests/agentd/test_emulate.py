@@ -107,6 +107,29 @@ def test_drones_stand_on_a_cross_and_obey_by_number_or_all(tmp_path: Path) -> No
     assert read_truth(tmp_path / "drone-5.jsonl")[0]["event"] == "checks passed"
 
 
+def test_what_is_no_command_is_answered_and_harms_nobody() -> None:
+    lines = {
+        "tumble yes": "tumble [on|off]",
+        "refuse-arm maybe": "refuse-arm [on|off]",
+        "freeze-estimate 1": "freeze-estimate [on|off]",
+        "battery nan": "battery VOLTS",
+        "battery -1": "battery VOLTS",
+        "silence -1": "silence SECONDS",
+        "loss 2": "loss PROBABILITY (0 to 1)",
+        "drift inf 0": "drift VX VY",
+        "place nan 0": "place X Y [YAW_DEGREES]",
+        "base-stations 99999999999": "base-stations NUMBER (0 to 16)",
+        "base-stations some": "base-stations NUMBER (0 to 16)",
+        "variance -1": "variance SQUARE_METRES|off",
+    }
+    with emulating("--n", "1", "--port", "0") as process:
+        ready(process, 1)
+        for words, usage in lines.items():
+            assert say(process, f"1 {words}") == f"error: expected DRONE {usage}, not '1 {words}'"
+        assert json.loads(say(process, "1 state"))["position"] == [0.0, 1.0, 0.0]
+        assert say(process, "1 tumble on") == "ok 1 tumble on"
+
+
 @pytest.mark.parametrize("end", [signal.SIGTERM, signal.SIGINT])
 def test_signals_end_it_cleanly(end: signal.Signals) -> None:
     with emulating("--n", "1", "--port", "0") as process:

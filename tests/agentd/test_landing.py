@@ -77,6 +77,13 @@ def test_agentd_land_lands_all_bodies(sandbox: Sandbox, tmp_path: Path) -> None:
         assert (again.returncode, again.stderr) == (2, f"agentd: {launch.folder}: this run is over\n")
 
 
+def test_a_flight_that_did_not_begin_leaves_logs_and_no_figures(sandbox: Sandbox, tmp_path: Path) -> None:
+    fails = "agents.3.plants.body.fails='inspect'"
+    done = agentd("launch", str(sandbox.file), "--clock", "wall", "--set", fails, "--out", str(tmp_path / "run"))
+    assert done.returncode == 1
+    assert done.stdout.endswith(f"\n{tmp_path}/run: log of every agent\n")
+
+
 HANGS = """\
 import numpy as np
 
@@ -104,6 +111,30 @@ def test_agentd_stop_reaches_a_body_whose_algorithm_hangs(sandbox: Sandbox, tmp_
         assert launch.end() == 1
     for agent in (1, 3):
         assert sandbox.of(agent)[-3:] == ["emergency", "finish stopped", "close"]
+
+
+SLOW = """\
+        self.stopped = True
+
+    def act(self, setpoint, now):
+        super().act(setpoint, now)
+        for _ in range(15):  # most of the time it is here that it hears of the stop
+            time.sleep(0.01)
+            if hasattr(self, "stopped"):
+                raise RuntimeError("motors off")
+"""
+
+
+def test_agentd_stop_is_answered_also_by_who_fails_because_of_it(sandbox: Sandbox, tmp_path: Path) -> None:
+    body = "import time\n" + (tmp_path / "body.py").read_text()
+    heard = 'self.note("emergency")\n'
+    (tmp_path / "body.py").write_text(body.replace(heard, heard + SLOW))
+    with Launch(sandbox.file, tmp_path / "run", *WALL, "safety.neighbour_silent.then='continue'") as launch:
+        launch.flying()
+        done = agentd("stop", str(launch.folder))
+        assert (done.returncode, done.stderr) == (0, "")
+        assert done.stdout.splitlines() == [f"agent {agent}: motors off" for agent in (1, 2, 3)]
+        assert launch.end() == 1
 
 
 def make_real(folder: Path) -> None:

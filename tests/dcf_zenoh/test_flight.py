@@ -58,6 +58,12 @@ def test_where_one_cannot_go_on_nobody_does_and_who_was_armed_lands(sandbox: San
     assert landed == ({3} | landed if phase in PHASES[2:] else set())
 
 
+def test_a_body_that_does_not_come_down_after_a_failure_is_told(sandbox: Sandbox) -> None:
+    no = r"RuntimeError: no \(body\.py:\d+\)"
+    with pytest.raises(PlantError, match=rf"^agent 3: settle: {no}; then agent 3: finish: {no}$"):
+        sandbox.fly("agents.3.plants.body.fails='settle,finish failed'")
+
+
 def test_a_problem_found_by_the_inspection_keeps_everybody_on_the_ground(sandbox: Sandbox) -> None:
     text = r"^agent 2: not ready to fly: battery 3\.92 V: at least 3\.5 V is needed$"
     with pytest.raises(PlantError, match=text):

@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dcf_zenoh.errors import PlantError
+from dcf_zenoh.config import load
+from dcf_zenoh.errors import ConfigurationError, PlantError
 from dcf_zenoh.plant import Check, State
 from plants.crazyflie_hardware import CrazyflieHardware
 from tests.emulated import Emulated, Relay, drive
@@ -91,6 +92,12 @@ def test_options_out_of_range_are_refused_in_one_line(options: dict[str, Any], m
 def test_it_is_real_and_has_its_drone_for_itself() -> None:
     assert CrazyflieHardware.real
     assert CrazyflieHardware.own_keys == ("uri",)
+    uris = ("radio://0/80/2M/E7E7E7E701", "radio://1/80/2M/E7E7E7E701")
+    changes = [f"agents.{agent}.plants.hardware.uri={uri!r}" for agent, uri in enumerate(uris, 1)]
+    with pytest.raises(
+        ConfigurationError, match=rf"agents\.2\.plants\.hardware\.uri: '{uris[1]}' is taken by agent 1;"
+    ):
+        load("position_swap", changes=changes, plant="hardware", clock="wall")
     assert 10 < CrazyflieHardware.landing_time < 60
 
 

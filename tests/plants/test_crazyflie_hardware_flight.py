@@ -281,6 +281,28 @@ def test_a_dead_link_is_told_in_time_and_so_is_what_the_firmware_does(drone: Emu
     assert events.index("levelling out") < events.index("free fall") < events.index("locked")
 
 
+def test_a_link_that_dies_in_the_take_off_leaves_it_hovering_and_that_is_told(drone: Emulated, cache: Path) -> None:
+    plant = CrazyflieHardware(2, np.zeros(2), SAMPLE, uri=drone.uri, height=0.8, cache=str(cache))
+
+    def cut_off(pauses: Any) -> Iterator[float]:
+        for pause in pauses:
+            if where(drone)[2] > 0.1:
+                drone.say("kill-link")
+            yield pause
+
+    try:
+        drive(plant.prepare())
+        drive(plant.arm())
+        with pytest.raises(PlantError, match=r"^agent 2: its state is "):
+            drive(cut_off(plant.take_off()))
+        with pytest.raises(PlantError, match=r"^agent 2: not seen to land: .*its planner on board flies it: if it was"):
+            drive(plant.finish(0, "failed"))
+    finally:
+        plant.close()
+    until(lambda: where(drone)[2] > 0.75, "it has come to its height", within=5.0)
+    assert not {"levelling out", "locked"} & set(drone.events)
+
+
 def test_a_drone_that_tumbles_is_told(drone: Emulated, cache: Path) -> None:
     with flying(drone, cache) as plant:
         drone.say("tumble on")
@@ -314,6 +336,22 @@ def test_emergency_stop_cuts_the_motors_at_once_while_others_wait_for_the_link(
         assert drive(plant.finish(0, "stopped")) < 1.0
     until(lambda: "touched down" in drone.events, "it falls", within=3.0)
     assert "motors stopped" in drone.events
+
+
+def test_emergency_stop_ends_a_landing_that_is_under_way(drone: Emulated, cache: Path) -> None:
+    with flying(drone, cache) as plant:
+        landing = plant.finish(0, "stopped")
+        next(landing)
+        until(lambda: drone.commands("land"), "it is landing")
+        plant.emergency_stop()
+        assert drive(landing) < 2.0
+    until(lambda: "locked" in drone.events, "it is locked")
+
+
+def test_emergency_stop_is_repeated_although_the_program_ends(drone: Emulated, cache: Path) -> None:
+    with flying(drone, cache) as plant:
+        plant.emergency_stop()
+    until(lambda: len(drone.commands("emergency_stop")) > 5, "it has been told more than once")
 
 
 def test_two_drones_in_one_process(emulator: Emulated, cache: Path, tmp_path: Path) -> None:

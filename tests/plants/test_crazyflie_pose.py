@@ -62,7 +62,10 @@ def test_positions_and_poses_are_understood(values: list[float]) -> None:
 
 @pytest.mark.parametrize(
     "payload",
-    [b"", b"\xff", b"{}", b"[1, 2]", b"[1, 2, NaN]", b'[1, 2, "3"]', b"[0, 0, 0, 1, 1, 1, 1]", b"[true, 0, 0]"],
+    [
+        *[b"", b"\xff", b"{}", b"[1, 2]", b"[1, 2, NaN]", b'[1, 2, "3"]', b"[0, 0, 0, 1, 1, 1, 1]", b"[true, 0, 0]"],
+        *[b"[1e39, 0, 0]", b"[" + b"9" * 400 + b", 0, 0]", b"[" * 20000],  # no packet holds them, no float, no stack
+    ],
 )
 def test_anything_else_is_told(payload: bytes) -> None:
     with pytest.raises(ValueError, match="expected "):

@@ -2,7 +2,7 @@
 
 import pytest
 
-from plants.crazyflie_uri import check_uri, is_wireless
+from plants.crazyflie_uri import check_uri, drone_of, is_wireless
 
 
 @pytest.mark.parametrize(
@@ -60,3 +60,21 @@ def test_anything_else_is_refused_with_what_is_allowed(uri: str, problem: str) -
 def test_only_radios_send_again_by_themselves() -> None:
     assert is_wireless("radio://0/80/2M/E7E7E7E701")
     assert not is_wireless("udp://127.0.0.1:19850")
+
+
+@pytest.mark.parametrize(
+    ("uri", "other", "same"),
+    [
+        ("radio://0/80/2M/E7E7E7E701", "radio://1/80/2M/E7E7E7E701", True),
+        ("radio://0/80/2M/E7E7E7E701", "radio://5D8E0B5AB2/80/2M/E7E7E7E701", True),
+        ("radio://0/80/2M/E7E7E7E701", "radio://0/80/2M/E7E7E7E701?rate_limit=100", True),
+        ("udp://127.0.0.1:19850", "udp://localhost:19850", True),
+        ("radio://0/80/2M/E7E7E7E701", "radio://0/80/2M/E7E7E7E702", False),
+        ("radio://0/80/2M/E7E7E7E701", "radio://0/84/2M/E7E7E7E701", False),
+        ("udp://127.0.0.1:19850", "udp://127.0.0.1:19851", False),
+        ("udp://127.0.0.1:19850", "tcp://127.0.0.1:19850", False),
+        ("usb://0", "usb://1", False),
+    ],
+)
+def test_two_names_of_one_drone_are_known(uri: str, other: str, same: bool) -> None:
+    assert (drone_of(uri) == drone_of(other)) is same

@@ -63,3 +63,14 @@ def test_what_moves_in_the_real_world_needs_real_time(rovers: Path) -> None:
 def test_two_bodies_cannot_have_what_is_ones_own(rovers: Path) -> None:
     found = problems(rovers, "time.clock='wall'", "agents.3.plants.point_mass.port='a'")
     assert found == ["agents.3.plants.point_mass.port: 'a' is taken by agent 1; each needs its own"]
+
+
+def test_nor_can_they_by_way_of_two_plants_of_one_kind(rovers: Path) -> None:
+    other = [
+        "plants.other.kind='./mine.py:Rover'",
+        "plants.other.port='a'",
+        "plant='point_mass'",
+        "agents.3.plant='other'",
+    ]
+    found = problems(rovers, "time.clock='wall'", *other)
+    assert found == ["agents.3.plants.other.port: 'a' is taken by agent 1; each needs its own"]
