@@ -155,7 +155,7 @@ def test_real_bodies_take_off_at_once_where_somebody_has_agreed(sandbox: Sandbox
     make_real(tmp_path)
     with Launch(sandbox.file, tmp_path / "run", "time.clock='wall'", "time.duration=1.0", yes=True) as launch:
         assert launch.end() == 0
-    assert sandbox.of(1) == [*PHASES, "start 0", "finish done", "close"] or sandbox.of(1)[:6] == PHASES
+    assert sandbox.of(1)[:6] == PHASES
 
 
 def test_in_a_terminal_one_key_takes_off_and_one_lands(sandbox: Sandbox, tmp_path: Path) -> None:

@@ -3,6 +3,7 @@ from pathlib import Path
 import pytest
 
 from dcf_zenoh.config import load
+from dcf_zenoh.errors import ConfigurationError
 from tests.fleet_files import FLEET, MINE, problems
 
 REAL = """
@@ -30,8 +31,12 @@ def rovers(tmp_path: Path) -> Path:
 @pytest.mark.parametrize(
     ("change", "problem"),
     [
-        ("arena={min=[0,0],max=[1]}", "arena: expected as many coordinates in min as in max, not 2 and 1"),
-        ("arena={min=[],max=[]}", "arena: expected as many coordinates in min as in max, not 0 and 0"),
+        ("arena={min=[0,0],max=[1]}", "arena: expected as many coordinates in min as in max, 1 to 3, not 2 and 1"),
+        ("arena={min=[],max=[]}", "arena: expected as many coordinates in min as in max, 1 to 3, not 0 and 0"),
+        (
+            "arena={min=[0,0,0,0],max=[1,1,1,1]}",
+            "arena: expected as many coordinates in min as in max, 1 to 3, not 4 and 4",
+        ),
         ("arena={min=[0,1],max=[1,1]}", "arena: expected min < max on each axis, not 1 and 1 m"),
         (
             "arena={min=[-1,-1,0],max=[0.9,1,2]}",
@@ -74,3 +79,14 @@ def test_nor_can_they_by_way_of_two_plants_of_one_kind(rovers: Path) -> None:
     ]
     found = problems(rovers, "time.clock='wall'", *other)
     assert found == ["agents.3.plants.other.port: 'a' is taken by agent 1; each needs its own"]
+
+
+@pytest.mark.parametrize(("changes", "height"), [([], "1"), (["plants.crazyflie.height=0.05"], "0.05")])
+def test_bodies_fly_at_a_height_that_is_in_the_arena(changes: list[str], height: str) -> None:
+    arena = "arena={min=[-2,-2,0.1],max=[2,2,0.6]}"
+    with pytest.raises(ConfigurationError) as refused:
+        load("position_swap", changes=[arena, *changes], plant="crazyflie")
+    assert refused.value.problems == (
+        f"plants.crazyflie.height: agent 1 would fly outside the arena: {height} m, allowed 0.1 .. 0.6 m",
+    )
+    assert load("position_swap", changes=[arena, "plants.crazyflie.height=0.3"], plant="crazyflie").spec.arena
