@@ -115,11 +115,11 @@ def test_daemons_do_what_the_simulator_does(topology: str, tmp_path: Path) -> No
     assert launched["steps"] == 30
 
 
-@pytest.mark.parametrize("fleet", ["position_swap_six", "position_swap_ten"])
-def test_larger_fleets_do_what_the_simulator_does(fleet: str, tmp_path: Path) -> None:
-    simulated = dcf_zenoh.simulate(fleet, changes=[TEN_STEPS])
+def test_a_larger_fleet_does_what_the_simulator_does_again_and_again(tmp_path: Path) -> None:
+    simulated = dcf_zenoh.simulate("position_swap_six", changes=[TEN_STEPS])
     for attempt in range(3):
-        assert launch(fleet, tmp_path / f"run{attempt}", "--set", TEN_STEPS)["digest"] == simulated.digest
+        launched = launch("position_swap_six", tmp_path / f"run{attempt}", "--set", TEN_STEPS)
+        assert launched["digest"] == simulated.digest
 
 
 def test_the_load_of_the_machine_does_not_matter(tmp_path: Path) -> None:

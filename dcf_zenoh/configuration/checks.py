@@ -50,7 +50,8 @@ def check(spec: FleetSpec, folder: Path, problems: Problems, notes: list[str], *
     if not problems.within("topology") and (run_plugins or is_built_in("topologies", spec.topology.kind)):
         graph = _check_graph(spec, folder, problems)
     check_values(spec, folder, problems, run_plugins=run_plugins)
-    check_layout(spec, notes)
+    if not problems:
+        check_layout(spec, notes)
     check_needs(spec, folder, graph, problems, run_plugins=run_plugins)
     check_timeout(spec, problems, losers=[*check_links(spec, graph, shelf), *check_agents(spec, problems, notes)])
 

@@ -7,18 +7,18 @@ import dcf_zenoh
 from dcf_zenoh.oracle import consult
 from dcf_zenoh.run import Run
 
-TIGHT = ("exchange.threshold=1e-10", "exchange.max_rounds=3000", "time.duration=4.0")
+TIGHT = ("exchange.threshold=1e-10", "exchange.max_rounds=3000", "time.duration=2.0")
 
 
 def run_of(fleet: str, *changes: str, algorithm: str | None = None) -> Run:
     return dcf_zenoh.simulate(fleet, algorithm=algorithm, changes=changes)
 
 
-@pytest.mark.parametrize("topology", ["complete", "ring", "path", "star"])
+@pytest.mark.parametrize("topology", ["complete", "path"])
 def test_rounds_without_end_come_to_the_central_decision(topology: str) -> None:
     found = consult(dcf_zenoh.simulate("position_swap", topology=topology, changes=TIGHT))
     assert not found.unsolved
-    assert found.gap.shape == found.plan_gap.shape == found.residual.shape == (20, 4)
+    assert found.gap.shape == found.plan_gap.shape == found.residual.shape == (10, 4)
     assert found.gap.max() < 1e-6
     assert found.plan_gap.max() < 1e-7
     assert found.violation.max() < 1e-7

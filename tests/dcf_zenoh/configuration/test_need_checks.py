@@ -45,7 +45,7 @@ def test_an_algorithm_of_another_structure_is_refused_and_others_are_named(squar
 def test_what_a_problem_poses_in_each_step_counts() -> None:
     assert problems(BUILT_IN / "position_swap.toml", algorithm="extra") == [
         "algorithm.kind: extra solves a consensus problem, and position_swap is an aggregative game with shared"
-        " constraints; those that can solve it: centralised, trades, trades_robust"
+        " constraints; those that can solve it: admm_mpc, centralised, trades, trades_robust"
     ]
 
 
@@ -64,7 +64,7 @@ def test_what_depends_on_numbers_is_found_too() -> None:
     ]
     assert problems(BUILT_IN / "cournot.toml", algorithm="trades_primal") == [
         "algorithm.kind: trades_primal needs a game without shared constraints, which cournot has not; those that can"
-        " solve it: centralised, trades, trades_robust"
+        " solve it: admm_mpc, centralised, trades, trades_robust"
     ]
 
 

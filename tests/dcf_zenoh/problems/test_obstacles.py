@@ -24,7 +24,6 @@ def cuts(run: Run) -> bool:
     ("algorithm", "topology", "plant"),
     [
         ("trades", "complete", "point"),
-        ("trades", "ring", "point"),
         ("robust", "star", "point"),
         ("trades", "path", "twin"),
     ],
