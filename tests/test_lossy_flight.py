@@ -5,14 +5,11 @@ import subprocess
 import sys
 from pathlib import Path
 
-import pytest
 
-
-@pytest.mark.parametrize("seed", [1, 2])
-def test_the_robust_method_arrives_safely_in_real_time(seed: int, tmp_path: Path) -> None:
+def test_the_robust_method_arrives_safely_in_real_time(tmp_path: Path) -> None:
     changes = ["faults.rule=[]", "faults.loss=0.2", "exchange.max_rounds=40", "exchange.round_timeout=0.003"]
     options = [word for change in changes for word in ("--set", change)]
-    command = [sys.executable, "-m", "agentd", "launch", "position_swap_lossy", "--clock", "wall", "--seed", str(seed)]
+    command = [sys.executable, "-m", "agentd", "launch", "position_swap_lossy", "--clock", "wall"]
     done = subprocess.run(
         [*command, *options, "--out", str(tmp_path / "run"), "--json", "--no-report"],
         capture_output=True, text=True, timeout=120, check=False,
