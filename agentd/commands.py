@@ -448,5 +448,5 @@ def _judge(runs: Sequence[Run]) -> "list[Oracle]":
 def _print_judgement(runs: Sequence[Run], judged: "Sequence[Oracle]") -> None:
     from agentd.judgement import oracle_table  # noqa: PLC0415
 
-    for run, found in zip(runs, judged, strict=bool(judged)):
+    for run, found in zip(runs, judged, strict=False):
         Console().print(oracle_table(run, found), highlight=False)

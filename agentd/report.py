@@ -1,7 +1,7 @@
 """The report of one run, or of several side by side: figures as PNG and PDF, the flight as GIF."""
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -62,16 +62,9 @@ def write_comparison(variants: Mapping[str, Run | str], folder: Path) -> list[Pa
     Raises:
         RecordingError: `folder` cannot be written.
     """
-    from matplotlib import rc_context  # noqa: PLC0415
-
     from agentd.figures.comparison import comparison  # noqa: PLC0415
-    from agentd.figures.style import STYLE  # noqa: PLC0415
 
-    try:
-        with rc_context(STYLE):
-            return _save(comparison(variants), folder, "comparison")
-    except OSError as error:
-        raise RecordingError(f"{error.filename or folder}: cannot be written: {error.strerror}") from error
+    return _drawn(lambda: comparison(variants), folder, "comparison")
 
 
 def write_sweep(rows: Sequence[Mapping[str, Any]], axes: Mapping[str, Sequence[str]], folder: Path) -> list[Path]:
@@ -88,16 +81,9 @@ def write_sweep(rows: Sequence[Mapping[str, Any]], axes: Mapping[str, Sequence[s
     Raises:
         RecordingError: `folder` cannot be written.
     """
-    from matplotlib import rc_context  # noqa: PLC0415
-
-    from agentd.figures.style import STYLE  # noqa: PLC0415
     from agentd.figures.sweep import sweep  # noqa: PLC0415
 
-    try:
-        with rc_context(STYLE):
-            return _save(sweep(rows, axes), folder, "sweep")
-    except OSError as error:
-        raise RecordingError(f"{error.filename or folder}: cannot be written: {error.strerror}") from error
+    return _drawn(lambda: sweep(rows, axes), folder, "sweep")
 
 
 def write_oracle(runs: Sequence[Run], judged: "Sequence[Oracle]", folder: Path) -> list[Path]:
@@ -114,14 +100,20 @@ def write_oracle(runs: Sequence[Run], judged: "Sequence[Oracle]", folder: Path) 
     Raises:
         RecordingError: `folder` cannot be written.
     """
+    from agentd.figures.oracle import oracle  # noqa: PLC0415
+
+    return _drawn(lambda: oracle(runs, judged), folder, "oracle")
+
+
+def _drawn(draw: "Callable[[], Figure | None]", folder: Path, name: str) -> list[Path]:
+    """Draw one figure in the style of all, and save it."""
     from matplotlib import rc_context  # noqa: PLC0415
 
-    from agentd.figures.oracle import oracle  # noqa: PLC0415
     from agentd.figures.style import STYLE  # noqa: PLC0415
 
     try:
         with rc_context(STYLE):
-            return _save(oracle(runs, judged), folder, "oracle")
+            return _save(draw(), folder, name)
     except OSError as error:
         raise RecordingError(f"{error.filename or folder}: cannot be written: {error.strerror}") from error
 

@@ -172,13 +172,13 @@ class _Detours:
         """Agent -> its aim in `step`; to be asked once for every step, in order."""
         aims = {}
         for i, problem in self._problems.items():
-            log = self._run.agents[i]
-            rows = np.flatnonzero(log.step == step)
-            if not rows.size:
+            log = self._run.agents.get(i)
+            if log is None or step not in log.step:
                 self._known.pop(i, None)  # it was dead, and begins anew
                 continue
             detour = self._known.setdefault(i, Detour(problem.target, self._run.fleet.time.sample_time))
-            aims[i] = detour.aim(_ahead(problem, log, int(rows[-1]), self._delay))
+            row = int(np.flatnonzero(log.step == step)[-1])
+            aims[i] = detour.aim(_ahead(problem, log, row, self._delay))
         return aims
 
 

@@ -1,5 +1,7 @@
 """The central solution beside a run."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -59,3 +61,9 @@ def test_steps_without_some_agent_are_not_judged() -> None:
     rows = np.isin(found.step, list(found.unsolved))
     assert np.isnan(found.gap[rows]).all()
     assert np.isfinite(found.gap[~rows]).all()
+
+
+def test_a_run_whose_log_is_missing_is_not_judged(tmp_path: Path) -> None:
+    dcf_zenoh.simulate("position_swap_random", changes=["time.duration=0.6"], out=tmp_path / "run")
+    (tmp_path / "run" / "agent-2.msgpack").unlink()
+    assert set(consult(Run.read(tmp_path / "run")).unsolved.values()) == {"took no part: 2"}
