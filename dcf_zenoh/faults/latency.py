@@ -82,7 +82,7 @@ class Latency(Fault):
         due = delivery.due + nanoseconds(self._draw(rng))
         if not self._reorder:
             due = self._latest = max(due, self._latest)
-        return (delivery._replace(due=due),)
+        return (Delivery(delivery.message, delivery.entered, due, delivery.here),)
 
 
 _KEYS = {
@@ -122,7 +122,7 @@ def _normal(mean: float, std: float) -> Draw:
     positive("std", std, "s")
 
     def draw(rng: np.random.Generator) -> float:
-        while (latency := rng.normal(mean, std)) < 0:
+        while (latency := mean + std * rng.standard_normal()) < 0:
             pass
         return latency
 

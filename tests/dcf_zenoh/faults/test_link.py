@@ -52,7 +52,7 @@ def drawn(
 
 def test_a_link_without_faults_lets_everything_through() -> None:
     given = delivery()
-    assert link().convey(given) == ([given], "")
+    assert link().convey(given) == ((given,), "")
 
 
 def test_random_numbers_are_those_of_philox_at_the_place_of_the_message() -> None:
@@ -125,7 +125,7 @@ def test_faults_act_in_the_order_of_their_stages_then_of_their_names() -> None:
 
 
 def test_a_loss_is_put_down_to_the_fault_that_lost() -> None:
-    assert link(radio=Loss(probability=1.0), noise=Noise(std=1.0)).convey(delivery()) == ([], "radio")
+    assert link(radio=Loss(probability=1.0), noise=Noise(std=1.0)).convey(delivery()) == ((), "radio")
     both = link(a=Loss(probability=0.0), b=Loss(probability=1.0))
     assert both.convey(delivery()).lost_by == "b"
     mixed = convey(link(loss=Loss(probability=0.3), bursts=Bursts(mean_loss=0.3, mean_length=2.0)), 1000)
@@ -144,7 +144,7 @@ def test_copies_that_are_all_lost_are_put_down_to_the_fault_that_lost_them() -> 
         STAGE = Loss.STAGE
 
     passage = link(a=Twice(probability=1.0), loss=Loss(probability=1.0)).convey(delivery())
-    assert passage == ([], "loss")
+    assert passage == ((), "loss")
 
 
 def test_later_entries_win_within_their_windows() -> None:
