@@ -78,7 +78,7 @@ class Transmission:
         message = self.message(now, step, round, header, promise=promise)
         self.published += len(edges) - 1
         names = frozenset(name for edge in edges.values() for name in edge)
-        return Sent(edges, names, [Publish(message._replace(payload=edge), j) for j, edge in edges.items()])
+        return Sent(edges, names, [Publish(Message(*message[:-1], edge), j) for j, edge in edges.items()])
 
     def message(
         self,

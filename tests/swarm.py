@@ -32,6 +32,7 @@ kind = "trades"
 kind = "crazyflie_hardware"
 cache = "{cache}"
 retries = 25               # the machine may be busy
+state_age_max = 1.5
 """
 AGENT = """
 [agents.{agent}]

@@ -2,10 +2,12 @@
 
 import os
 import signal
-from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import Future, ThreadPoolExecutor
+import tempfile
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import pytest
 
@@ -92,15 +94,48 @@ def fly(swarm: Swarm, folder: Path, first: int, name: str) -> Flight:
         return Flight(code, flight.errors, Run.read(flight.folder), drones)
 
 
-@pytest.fixture(scope="module")
-def flights(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Mapping[str, "Future[Flight]"]]:
-    """All of them, some at a time, each fleet with two drones of its own."""
-    folder = tmp_path_factory.mktemp("trouble")
-    with Swarm(folder / "truth", 2 * len(TROUBLE)) as swarm, ThreadPoolExecutor(AT_ONCE) as pool:
-        yield {
-            name: pool.submit(fly, swarm, folder / name.replace(" ", "_"), 1 + 2 * number, name)
-            for number, name in enumerate(TROUBLE)
+class Flights:
+    """Flights of one swarm, some at a time. What is asked for twice is flown once more, in a swarm of its own.
+
+    Args:
+        folder: For what they write.
+        fly: Flies drones of a swarm from the given number on, as the given name says; it writes to the given folder.
+        names: One for each fleet.
+        size: Drones of a fleet.
+    """
+
+    def __init__(
+        self, folder: Path, fly: Callable[[Swarm, Path, int, str], Flight], names: Sequence[str], size: int
+    ) -> None:
+        self._folder, self._fly, self._size = folder, fly, size
+        self._stack = ExitStack()
+        swarm = self._stack.enter_context(Swarm(folder / "truth", size * len(names)))
+        pool = self._stack.enter_context(ThreadPoolExecutor(AT_ONCE))
+        self._flights = {
+            name: pool.submit(fly, swarm, folder / name.replace(" ", "_"), 1 + size * number, name)
+            for number, name in enumerate(names)
         }
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stack.close()
+
+    def __getitem__(self, name: str) -> Flight:
+        """What became of one of them."""
+        flight = self._flights.pop(name, None)
+        if flight is not None:
+            return flight.result(2 * LONG)
+        folder = Path(tempfile.mkdtemp(dir=self._folder))
+        with Swarm(folder / "truth", self._size) as swarm:
+            return self._fly(swarm, folder / "again", 1, name)
+
+
+@pytest.fixture(scope="module")
+def flights(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Flights]:
+    with Flights(tmp_path_factory.mktemp("trouble"), fly, tuple(TROUBLE), size=2) as flights:
+        yield flights
 
 
 def end_of(flight: Flight, agent: int) -> tuple[str, str]:
@@ -109,10 +144,8 @@ def end_of(flight: Flight, agent: int) -> tuple[str, str]:
     return end["end"], end["remark"]
 
 
-def test_drone_whose_link_dies_is_stopped_by_its_firmware_and_the_others_land(
-    flights: Mapping[str, "Future[Flight]"],
-) -> None:
-    flight = flights["link dead"].result(2 * LONG)
+def test_drone_whose_link_dies_is_stopped_by_its_firmware_and_the_others_land(flights: Flights) -> None:
+    flight = flights["link dead"]
     assert flight.code == 1
     reason, why = end_of(flight, 1)
     assert reason == "failed"
@@ -124,10 +157,8 @@ def test_drone_whose_link_dies_is_stopped_by_its_firmware_and_the_others_land(
     assert "neighbour 1 is lost" in end_of(flight, 2)[1]
 
 
-def test_when_a_daemon_is_killed_only_the_firmware_watches_over_its_drone_and_the_others_land(
-    flights: Mapping[str, "Future[Flight]"],
-) -> None:
-    flight = flights["daemon killed"].result(2 * LONG)
+def test_when_a_daemon_is_killed_only_the_firmware_watches_over_its_drone_and_the_others_land(flights: Flights) -> None:
+    flight = flights["daemon killed"]
     assert flight.code == 1
     assert "agent 1 was killed by SIGKILL" in flight.errors
     one = flight.drones[1]
@@ -139,15 +170,15 @@ def test_when_a_daemon_is_killed_only_the_firmware_watches_over_its_drone_and_th
     assert flight.drones[2].landed_softly
 
 
-def test_when_the_launcher_is_killed_all_drones_land(flights: Mapping[str, "Future[Flight]"]) -> None:
-    flight = flights["launcher killed"].result(2 * LONG)
+def test_when_the_launcher_is_killed_all_drones_land(flights: Flights) -> None:
+    flight = flights["launcher killed"]
     for agent, drone in flight.drones.items():
         assert drone.landed_softly
         assert end_of(flight, agent) == ("stopped", "stopped by the launcher's end")
 
 
-def test_drone_that_leaves_the_arena_lands_and_says_where_it_was(flights: Mapping[str, "Future[Flight]"]) -> None:
-    flight = flights["geofence"].result(2 * LONG)
+def test_drone_that_leaves_the_arena_lands_and_says_where_it_was(flights: Flights) -> None:
+    flight = flights["geofence"]
     assert flight.code == 1
     reason, why = end_of(flight, 1)
     assert reason == "landed"
@@ -160,8 +191,8 @@ def test_drone_that_leaves_the_arena_lands_and_says_where_it_was(flights: Mappin
     assert "neighbour 1 is lost (it has landed)" in end_of(flight, 2)[1]
 
 
-def test_drone_with_a_low_battery_lands_and_says_so(flights: Mapping[str, "Future[Flight]"]) -> None:
-    flight = flights["battery low"].result(2 * LONG)
+def test_drone_with_a_low_battery_lands_and_says_so(flights: Flights) -> None:
+    flight = flights["battery low"]
     assert flight.code == 1
     assert "battery" in end_of(flight, 1)[1]
     assert "at least 3.1 V" in end_of(flight, 1)[1]
@@ -169,8 +200,8 @@ def test_drone_with_a_low_battery_lands_and_says_so(flights: Mapping[str, "Futur
     assert flight.drones[2].landed_softly
 
 
-def test_one_drone_that_is_not_ready_keeps_all_on_the_ground(flights: Mapping[str, "Future[Flight]"]) -> None:
-    flight = flights["not ready"].result(2 * LONG)
+def test_one_drone_that_is_not_ready_keeps_all_on_the_ground(flights: Flights) -> None:
+    flight = flights["not ready"]
     assert flight.code == 1
     assert "agent 1: not ready to fly: battery 3.50 V: " in flight.errors
     for drone in flight.drones.values():
@@ -201,18 +232,14 @@ def interrupt(swarm: Swarm, folder: Path, number: int, phase: str) -> Flight:
 
 
 @pytest.fixture(scope="module")
-def interrupted(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Mapping[str, "Future[Flight]"]]:
-    folder = tmp_path_factory.mktemp("interrupted")
-    with Swarm(folder / "truth", len(PHASES)) as swarm, ThreadPoolExecutor(AT_ONCE) as pool:
-        yield {
-            phase: pool.submit(interrupt, swarm, folder / phase.replace(" ", "_"), number, phase)
-            for number, phase in enumerate(PHASES, 1)
-        }
+def interrupted(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Flights]:
+    with Flights(tmp_path_factory.mktemp("interrupted"), interrupt, PHASES, size=1) as flights:
+        yield flights
 
 
 @pytest.mark.parametrize("phase", PHASES)
-def test_ctrl_c_leaves_every_drone_on_the_ground(phase: str, interrupted: Mapping[str, "Future[Flight]"]) -> None:
-    flight = interrupted[phase].result(2 * LONG)
+def test_ctrl_c_leaves_every_drone_on_the_ground(phase: str, interrupted: Flights) -> None:
+    flight = interrupted[phase]
     assert flight.code == 130
     drone = flight.drones[1]
     assert not drone.lost_control

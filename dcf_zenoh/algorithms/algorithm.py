@@ -6,7 +6,7 @@ algorithm is a generator function ``(problem, me, *, options)``; its keyword-onl
 table in a fleet file.
 """
 
-from collections.abc import Callable, Collection, Generator, Iterator, Mapping
+from collections.abc import Callable, Collection, Generator, ItemsView, Iterator, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any, NamedTuple, TypeAlias, TypeVar
@@ -71,6 +71,17 @@ class Inbox(Mapping[int, Payload]):
     def __len__(self) -> int:
         return len(self.payloads)
 
+    def items(self) -> ItemsView[int, Payload]:
+        """Those of `payloads`: quicker than what a `Mapping` makes of the above."""
+        return self.payloads.items()
+
+    def replaced(self, own: Payload, payloads: Mapping[int, Payload]) -> "Inbox":
+        """The same inbox with other payloads; a neighbour that is not among them is missing."""
+        missing = self.missing
+        if len(payloads) < len(self.payloads):
+            missing = tuple(sorted({*missing, *(self.payloads.keys() - payloads.keys())}))
+        return Inbox(own, payloads, stop=self.stop, ages=self._ages, news=self._news, missing=missing)
+
     def age(self, neighbour: int) -> int:
         """Rounds since `neighbour` sent what is here; 0 is fresh.
 
@@ -87,7 +98,9 @@ class Inbox(Mapping[int, Payload]):
 
     def new(self, neighbour: int) -> bool:
         """Whether the payload of `neighbour` was not in an earlier inbox; a late one is new once, too."""
-        return self.fresh(neighbour) if self._news is None else neighbour in self._news
+        if self._news is None:
+            return self.fresh(neighbour)
+        return neighbour in self._news and neighbour in self.payloads
 
 
 class Result(NamedTuple):

@@ -14,6 +14,7 @@ from dcf_zenoh.plant import Array
 
 PREFIX = "riding."  # of the names of all entries that are added to payloads
 ALONE = f"{PREFIX}alone"  # marks a message that carries nothing but tables
+MERGED_MAX = 100  # tables that are remembered; in a step each agent tells only a few different ones
 Key = tuple[int, ...]
 T = TypeVar("T")
 
@@ -32,14 +33,15 @@ class Table:
         name: Of its entries in a payload.
 
     Attributes:
-        names: Of its entries in a payload: keys, steps and values.
+        names: Of its entries in a payload: an index, whose rows are the keys and after each its step, and the values.
         rows: Key -> the newest entry known. One that is shorter than others may end in NaN; see `unstacked`.
     """
 
     def __init__(self, name: str) -> None:
-        self.names = tuple(f"{PREFIX}{name}.{part}" for part in ("keys", "steps", "values"))
+        self.names = (f"{PREFIX}{name}.index", f"{PREFIX}{name}.values")
         self.rows: dict[Key, Entry] = {}
         self._payload: dict[str, Value] | None = {}
+        self._merged: set[bytes] = set()  # indices in which there is nothing new
 
     def put(self, key: Key, step: int, value: Array) -> None:
         """Take in the `value` of `key` in control step `step`, unless one of that step or a newer one is known."""
@@ -53,21 +55,25 @@ class Table:
         """The table as entries of a payload; there are none while it is empty."""
         if self._payload is None:
             keys = sorted(self.rows)
-            steps, values = zip(*(self.rows[key] for key in keys), strict=True)
-            arrays = np.array(keys), np.array(steps), stacked(values)
-            for array in arrays:
-                array.setflags(write=False)  # one copy for the messages to all neighbours
-            self._payload = dict(zip(self.names, arrays, strict=True))
+            index = np.array([(*key, self.rows[key].step) for key in keys])
+            values = stacked([self.rows[key].value for key in keys])
+            index.setflags(write=False)  # one copy for the messages to all neighbours
+            values.setflags(write=False)
+            self._payload = dict(zip(self.names, (index, values), strict=True))
         return self._payload
 
     def merge(self, payload: Payload) -> None:
         """Take in what is newer in the table of another agent."""
-        if self.names[0] in payload:
-            keys, steps, values = (np.asarray(payload[name]) for name in self.names)
-            for row, (key, step) in enumerate(zip(map(tuple, keys.tolist()), steps.tolist(), strict=True)):
-                known = self.rows.get(key)
-                if known is None or known.step < step:  # which is rare: a table rides on every message
-                    self.put(key, step, values[row])
+        if self.names[0] not in payload:
+            return
+        index, values = (np.asarray(payload[name]) for name in self.names)
+        if (told := index.tobytes()) in self._merged:  # as nearly always: a table rides on every message
+            return
+        for (*key, step), value in zip(index.tolist(), values, strict=True):
+            self.put(tuple(key), step, value)
+        if len(self._merged) == MERGED_MAX:
+            self._merged.clear()
+        self._merged.add(told)
 
 
 class Carrier:
@@ -131,17 +137,9 @@ class Carrier:
 
     def _without_tables(self, inbox: Inbox, payload: Payload | PerNeighbour) -> Inbox:
         """What the dialogue hears, if `payload` is what it said."""
-        own: Mapping[Any, Any] = inbox.own
+        own: Any = inbox.own
         own = {j: self._bare(own[j]) for j in own} if isinstance(payload, PerNeighbour) else self._bare(own)
-        heard = {j: self._bare(each) for j, each in inbox.items() if ALONE not in each}
-        return Inbox(
-            own,
-            heard,
-            stop=inbox.stop,
-            ages={j: inbox.age(j) for j in heard},
-            news=[j for j in heard if inbox.new(j)],
-            missing=tuple(sorted({*inbox.missing, *(inbox.keys() - heard.keys())})),
-        )
+        return inbox.replaced(own, {j: self._bare(each) for j, each in inbox.items() if ALONE not in each})
 
     def _bare(self, payload: Payload) -> Payload:
         names = self._names

@@ -18,15 +18,15 @@ class Partition(Fault):
         groups: Ids of the agents of each group.
 
     Raises:
-        ValueError: There are fewer than two groups, or an agent is named twice.
+        ValueError: There are fewer than two groups, one is empty, or an agent is named twice.
     """
 
     STAGE = Stage.CUT
     AGENTS = ("groups",)
 
     def __init__(self, sender: int, receiver: int, *, groups: tuple[tuple[int, ...], ...]) -> None:
-        if len(groups) < 2:
-            raise ValueError(f"groups must be at least two, such as [[1, 2], [3, 4]], not {len(groups)}")
+        if len(groups) < 2 or not all(groups):
+            raise ValueError(f"groups must be at least two, such as [[1, 2], [3, 4]], none empty, not {groups}")
         twice = [agent for agent, times in Counter(agent for group in groups for agent in group).items() if times > 1]
         if twice:
             raise ValueError(f"groups must name an agent once, not agent {twice[0]} twice")

@@ -37,7 +37,7 @@ def test_a_table_survives_the_journey_and_an_empty_one_adds_nothing() -> None:
     there.merge({})
     there.merge(canonical(here.payload))
     assert values(there) == values(here)
-    np.testing.assert_array_equal(there.payload["riding.t.keys"], [[1], [2]])
+    np.testing.assert_array_equal(there.payload["riding.t.index"], [[1, 6], [2, 7]])
 
 
 def test_values_of_unlike_length_ride_together() -> None:

@@ -15,9 +15,10 @@ def test_messages_between_groups_are_cut(sender: int, receiver: int, *, cut: boo
     assert alone(Partition(sender, receiver, groups=GROUPS), given) == ([] if cut else [given])
 
 
-def test_a_single_group_is_refused() -> None:
-    with pytest.raises(ValueError, match=r"^groups must be at least two, such as \[\[1, 2\], \[3, 4\]\], not 1$"):
-        Partition(1, 2, groups=((1, 2),))
+@pytest.mark.parametrize("groups", [((1, 2),), ((1, 2), ())])
+def test_what_does_not_part_is_refused(groups: tuple[tuple[int, ...], ...]) -> None:
+    with pytest.raises(ValueError, match=r"^groups must be at least two, such as .*, none empty, not \(\(1, 2\),"):
+        Partition(1, 2, groups=groups)
 
 
 @pytest.mark.parametrize("groups", [((1, 2), (2, 3)), ((1, 2, 2), (3,))])
