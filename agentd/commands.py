@@ -3,21 +3,21 @@
 import json
 import sys
 from argparse import Namespace
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
 from rich.console import Console
 
-from agentd.progress import Progress
-from agentd.rundir import check_unused, default_endpoints, new_run_folder, read_about, write_about
-from dcf_zenoh.config import LoadedFleet, load, to_toml
-from dcf_zenoh.errors import ConfigurationError, DcfError, Landed, RecordingError
+from agentd.rundir import check_unused, default_endpoints, new_run_folder, read_about
+from agentd.telling import judge, launch_and_tell, load_as_asked, print_judgement, read_run, simulate_and_tell
+from dcf_zenoh.config import load, to_toml
+from dcf_zenoh.errors import ConfigurationError, RecordingError
 from dcf_zenoh.plugins import GROUPS
 from dcf_zenoh.run import Run
 
 if TYPE_CHECKING:
-    from dcf_zenoh.oracle import Oracle
+    pass
 
 Command: TypeAlias = Callable[[Namespace], int]
 WIDE = 160  # characters of a table that no screen cuts off
@@ -29,8 +29,8 @@ def launch(options: Namespace) -> int:
     Shows how far each agent is, ends with a summary and figures, and leaves everything in a run directory. When an
     agent fails the others end too (or hold, if the fleet file says so) and the exit code is not 0. Ctrl-C ends all.
     """
-    fleet = _load(options)
-    _launch(fleet, new_run_folder(fleet.spec, options.out), options)
+    fleet = load_as_asked(options)
+    launch_and_tell(fleet, new_run_folder(fleet.spec, options.out), options)
     return 0
 
 
@@ -48,7 +48,7 @@ def run(options: Namespace) -> int:
     from dcf_zenoh.config import freeze  # noqa: PLC0415
 
     status = claim_stdout() if options.supervised else None
-    fleet = _load(options)
+    fleet = load_as_asked(options)
     if options.id not in fleet.spec.agents:
         raise ConfigurationError(
             f"--id {options.id}: there is no such agent; agents are {list(fleet.spec.ids)}", fleet.source
@@ -84,8 +84,8 @@ def simulate(options: Namespace) -> int:
     if options.clock == "wall":
         raise ConfigurationError("--clock wall: simulate runs in virtual time; agentd launch knows the wall clock")
     options.clock = "virtual"
-    fleet = _load(options)
-    _simulate(fleet, new_run_folder(fleet.spec, options.out), options)
+    fleet = load_as_asked(options)
+    simulate_and_tell(fleet, new_run_folder(fleet.spec, options.out), options)
     return 0
 
 
@@ -95,7 +95,7 @@ def check(options: Namespace) -> int:
     All problems are reported at once. The code of plug-ins that are not part of dcf-zenoh is not run, unless --load
     is given: their files are read, not executed.
     """
-    fleet = _load(options, run_plugins=options.load)
+    fleet = load_as_asked(options, run_plugins=options.load)
     print(to_toml(fleet.spec), end="")
     return 0
 
@@ -125,9 +125,9 @@ def report(options: Namespace) -> int:
     runs, folder = [Run.read(each) for each in options.runs], options.out or options.runs[0]
     written = write_report(runs, folder, animate=options.animate)
     if options.oracle:
-        judged = _judge(runs)
+        judged = judge(runs)
         written += write_oracle(runs, judged, folder) if judged else []
-        _print_judgement(runs, judged)
+        print_judgement(runs, judged)
     for path in written:
         print(path)
     return 0
@@ -171,7 +171,7 @@ def preflight(options: Namespace) -> int:
     from agentd.preflight import inspect, table  # noqa: PLC0415
 
     options.clock = options.clock or "wall"
-    fleet = _load(options)
+    fleet = load_as_asked(options)
     found = inspect(fleet)
     console = Console(file=options.output)
     console = console if console.is_terminal else Console(file=options.output, width=WIDE)
@@ -215,7 +215,7 @@ def rerun(options: Namespace) -> int:
     fleet = load(options.run / "fleet.toml")
     folder = new_run_folder(fleet.spec, options.out)
     virtual = fleet.spec.time.clock == "virtual"
-    (_simulate if virtual else _launch)(fleet, folder, options)
+    (simulate_and_tell if virtual else launch_and_tell)(fleet, folder, options)
     difference = compare(first, Run.read(folder))
     print(difference, file=sys.stderr)
     return 1 if virtual and not difference.identical else 0
@@ -295,7 +295,7 @@ def links(options: Namespace) -> int:
     from dcf_zenoh.faults.profile import write_profile  # noqa: PLC0415
     from dcf_zenoh.link_health import link_health  # noqa: PLC0415
 
-    found = _read(options.run)
+    found = read_run(options.run)
     health = link_health(found)
     if options.export is not None:
         profiles = [profile for each in health if (profile := each.profile)]
@@ -332,7 +332,7 @@ def why(options: Namespace) -> int:
     from agentd.why import why_lines  # noqa: PLC0415
     from dcf_zenoh.explanation import explain  # noqa: PLC0415
 
-    found = _read(options.run)
+    found = read_run(options.run)
     for line in why_lines(found, explain(found)):
         print(line, file=options.output)
     return 0
@@ -354,99 +354,3 @@ def emulate_crazyflie(options: Namespace) -> int:
     from agentd.emulate import emulate  # noqa: PLC0415 - compiles the model
 
     return emulate(options)
-
-
-def _launch(fleet: LoadedFleet, folder: Path, options: Namespace) -> None:
-    """Launch, and say what came of it, also when it failed."""
-    from agentd.fleet import launch as launch_fleet  # noqa: PLC0415 - Zenoh is for those who need it
-
-    failure: DcfError | None = None
-    with Progress(fleet.spec, quiet=options.json) as progress:
-        try:
-            launch_fleet(fleet, folder, progress.show, progress.say, yes=options.yes)
-        except DcfError as error:
-            failure = error
-    try:
-        _finish(Run.read(folder), options)
-    except RecordingError:
-        if failure is None:
-            raise
-    if failure is not None:
-        raise failure
-
-
-def _simulate(fleet: LoadedFleet, folder: Path, options: Namespace) -> None:
-    """Simulate, and say what came of it."""
-    from dcf_zenoh.simulation import simulate as simulate_fleet  # noqa: PLC0415
-
-    write_about(folder, {"fleet": fleet.spec.name, "run": folder.resolve().name, "source": fleet.source})
-    found = simulate_fleet(fleet, out=folder)
-    _finish(found, options)
-    if landed := [log.landed for log in found.agents.values() if log.landed]:
-        raise Landed("\n".join(landed))
-
-
-def _load(options: Namespace, *, run_plugins: bool = True) -> LoadedFleet:
-    """The fleet that the options name; what the user should know goes to standard error."""
-    fleet = load(
-        options.fleet,
-        changes=options.set,
-        seed=options.seed,
-        clock=options.clock,
-        plant=options.plant,
-        algorithm=options.algorithm,
-        topology=options.topology,
-        run_plugins=run_plugins,
-    )
-    for note in fleet.notes:
-        print(f"agentd: note: {note}", file=sys.stderr)
-    return fleet
-
-
-def _read(folder: Path) -> Run:
-    """A run; what is missing of it goes to standard error."""
-    found = Run.read(folder)
-    for gap in found.gaps:
-        print(f"agentd: note: {gap}", file=sys.stderr)
-    return found
-
-
-def _finish(run: Run, options: Namespace) -> None:
-    """Summary and figures at the end of a run."""
-    from agentd.summary import summary_table  # noqa: PLC0415
-
-    judged = _judge([run]) if options.oracle else []
-    summary = run.summary()
-    if options.oracle:
-        summary["oracle"] = judged[0].summary() if judged else None
-    if options.json:
-        print(json.dumps(summary), file=options.output)
-    else:
-        Console().print(summary_table(summary))
-        _print_judgement([run], judged)
-    if not options.no_report and run.folder is not None:
-        from agentd.report import write_oracle, write_report  # noqa: PLC0415
-
-        written = write_report([run], run.folder, animate=options.animate)
-        written += write_oracle([run], judged, run.folder) if judged else []
-        if not options.json:
-            figures = f", and {', '.join(path.name for path in written)}" if written else ""
-            print(f"{run.folder}: log of every agent{figures}")
-
-
-def _judge(runs: Sequence[Run]) -> "list[Oracle]":
-    """What a central solver says of each run; nothing, and a word to the user, if it cannot say it of all."""
-    from dcf_zenoh.oracle import NoOracle, consult  # noqa: PLC0415 - OSQP is for those who need it
-
-    try:
-        return [consult(run) for run in runs]
-    except NoOracle as error:
-        print(f"agentd: note: --oracle: {error}", file=sys.stderr)
-        return []
-
-
-def _print_judgement(runs: Sequence[Run], judged: "Sequence[Oracle]") -> None:
-    from agentd.judgement import oracle_table  # noqa: PLC0415
-
-    for run, found in zip(runs, judged, strict=False):
-        Console().print(oracle_table(run, found), highlight=False)
