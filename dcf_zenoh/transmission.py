@@ -8,7 +8,7 @@ from dcf_zenoh.agreement import Header
 from dcf_zenoh.algorithms.algorithm import PerNeighbour
 from dcf_zenoh.errors import MessageError
 from dcf_zenoh.graph import Neighbourhood
-from dcf_zenoh.messaging.message import Last, Message, Payload, canonical
+from dcf_zenoh.messaging.message import Copies, Last, Message, Payload, canonical
 from dcf_zenoh.requests import Publish
 
 _AWAY = Last.AWAY  # to look it up takes long
@@ -74,7 +74,8 @@ class Transmission:
                 f"PerNeighbour names {sorted(payload.payloads)}; expected exactly its out-neighbours"
                 f" {list(hood.sends_to)}"
             )
-        edges = {j: canonical(payload.payloads[j]) for j in hood.sends_to}
+        shared: Copies = {}
+        edges = {j: canonical(payload.payloads[j], shared) for j in hood.sends_to}
         message = self.message(now, step, round, header, promise=promise)
         self.published += len(edges) - 1
         names = frozenset(name for edge in edges.values() for name in edge)

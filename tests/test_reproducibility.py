@@ -47,7 +47,7 @@ def both_cores_busy() -> Iterator[None]:
 @pytest.mark.parametrize("fleet", ["position_swap", "position_swap_six", "average"])
 def test_the_order_in_which_the_simulator_resumes_agents_does_not_matter(fleet: str) -> None:
     digests = {dcf_zenoh.simulate(fleet, changes=[TEN_STEPS]).digest}
-    for seed in range(5):
+    for seed in range(3):
         order = random.Random(seed)
         digests.add(dcf_zenoh.simulate(fleet, changes=[TEN_STEPS], choose=order.randrange).digest)
     assert len(digests) == 1
@@ -108,16 +108,16 @@ def test_overruns_time_outs_early_leavers_and_edge_payloads_are_reproduced(
 
 @pytest.mark.parametrize("topology", ["complete", "ring", "star", "path"])
 def test_daemons_do_what_the_simulator_does(topology: str, tmp_path: Path) -> None:
-    changes = ["time.duration=6.0"]
+    changes = ["time.duration=3.0"]
     simulated = dcf_zenoh.simulate("position_swap", topology=topology, changes=changes)
     launched = launch("position_swap", tmp_path / "run", "--topology", topology, "--set", *changes)
     assert launched["digest"] == simulated.digest
-    assert launched["steps"] == 30
+    assert launched["steps"] == 15
 
 
 def test_a_larger_fleet_does_what_the_simulator_does_again_and_again(tmp_path: Path) -> None:
     simulated = dcf_zenoh.simulate("position_swap_six", changes=[TEN_STEPS])
-    for attempt in range(3):
+    for attempt in range(2):
         launched = launch("position_swap_six", tmp_path / f"run{attempt}", "--set", TEN_STEPS)
         assert launched["digest"] == simulated.digest
 

@@ -31,6 +31,7 @@ _SENDABLE = {each: dtype for dtype in DTYPES.values() for each in (dtype, dtype.
 
 Value: TypeAlias = npt.NDArray[Any] | float | int
 Payload: TypeAlias = Mapping[str, Value]
+Copies: TypeAlias = dict[int, tuple[npt.NDArray[Any], npt.NDArray[Any]]]  # id -> array, which so lives on, and copy
 
 
 class Last(IntEnum):
@@ -92,7 +93,20 @@ _FINITE = float_info.max
 _NUMBERS = (float, int)  # a union of types takes longer
 
 
-def canonical(payload: Payload) -> dict[str, Value]:
+def _canonical_array(name: str, value: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    dtype = _SENDABLE.get(value.dtype)
+    if dtype is None:
+        raise MessageError(f"payload {name!r}: dtype {value.dtype} cannot be sent; allowed: {', '.join(DTYPES)}")
+    if value.ndim > DIMENSIONS_MAX:
+        raise MessageError(f"payload {name!r}: {value.ndim} dimensions, at most {DIMENSIONS_MAX} can be sent")
+    flags = value.flags
+    if flags.writeable or not (flags.owndata and flags.c_contiguous and value.dtype == dtype):
+        value = np.array(value, dtype=dtype, order="C")
+        value.setflags(write=False)
+    return value
+
+
+def canonical(payload: Payload, shared: Copies | None = None) -> dict[str, Value]:
     """A private copy of `payload`, exactly what a receiver decodes: contiguous read-only arrays, plain numbers.
 
     Arrays that are so already, and own their data, are taken as they are.
@@ -100,30 +114,27 @@ def canonical(payload: Payload) -> dict[str, Value]:
     Runners hand this to the sender and the receivers alike, so that no result depends on memory layout and no
     algorithm can change what it has sent.
 
+    Args:
+        payload: Names to arrays or numbers.
+        shared: Copies that were made for other neighbours; added to. An array that goes to several is copied once.
+
     Raises:
         MessageError: A name is not a short string, or a value is neither an array of a known dtype nor a number.
     """
     if type(payload) is not dict and not isinstance(payload, Mapping):
         raise MessageError(f"a payload is a mapping of names to arrays or numbers, not {type(payload).__name__}")
+    copies: Copies = {} if shared is None else shared
     copy: dict[str, Value] = {}
     size = 0
     for name, value in payload.items():
         if not isinstance(name, str) or not 0 < len(name) <= NAME_MAX:
             raise MessageError(f"payload name {name!r}: expected a string of 1 to {NAME_MAX} characters")
         if isinstance(value, np.ndarray):
-            dtype = _SENDABLE.get(value.dtype)
-            if dtype is None:
-                raise MessageError(
-                    f"payload {name!r}: dtype {value.dtype} cannot be sent; allowed: {', '.join(DTYPES)}"
-                )
-            if value.ndim > DIMENSIONS_MAX:
-                raise MessageError(f"payload {name!r}: {value.ndim} dimensions, at most {DIMENSIONS_MAX} can be sent")
-            flags = value.flags
-            if flags.writeable or not (flags.owndata and flags.c_contiguous and value.dtype == dtype):
-                value = np.array(value, dtype=dtype, order="C")  # noqa: PLW2901
-                value.setflags(write=False)
-            copy[name] = value
-            size += value.nbytes
+            known = copies.get(id(value))
+            if known is None:
+                known = copies[id(value)] = value, _canonical_array(name, value)
+            copy[name] = array = known[1]
+            size += array.nbytes
         elif isinstance(value, np.generic):
             copy.update(canonical({name: value.item()}))
         elif isinstance(value, float):

@@ -28,7 +28,10 @@ def test_rounds_without_end_come_to_the_central_decision(topology: str) -> None:
 
 
 def test_the_earlier_rounds_stop_the_farther_the_decisions_are_from_the_central_ones() -> None:
-    found = [consult(run_of("position_swap", f"exchange.threshold={each}")) for each in (1e-2, 1e-3, 1e-4)]
+    found = [
+        consult(run_of("position_swap", f"exchange.threshold={each}", "time.duration=5.0"))
+        for each in (1e-2, 1e-3, 1e-4)
+    ]
     plans = [each.plan_gap.max() for each in found]
     assert plans[0] > 3 * plans[1] > 9 * plans[2]
     assert plans[1] < 1.3e-3  # m; how far closed loops were apart at this threshold
@@ -37,13 +40,23 @@ def test_the_earlier_rounds_stop_the_farther_the_decisions_are_from_the_central_
 
 
 def test_a_biased_method_is_farther_off_under_loss() -> None:
-    plain, robust = (consult(run_of("position_swap_lossy", algorithm=each)) for each in ("plain", "robust"))
+    plain, robust = (
+        consult(run_of("position_swap_lossy", "time.duration=5.0", algorithm=each)) for each in ("plain", "robust")
+    )
     assert np.median(plain.plan_gap) > 5 * np.median(robust.plan_gap)
     assert plain.violation.max() > robust.violation.max()
 
 
 def test_detours_and_predicted_states_are_part_of_what_was_solved() -> None:
-    found = consult(run_of("position_swap_random", *TIGHT[:2], "time.duration=6.0", "controller.predict_delay=0.1"))
+    found = consult(
+        run_of(
+            "position_swap_random",
+            "exchange.threshold=1e-7",
+            "exchange.max_rounds=1000",
+            "time.duration=4.0",
+            "controller.predict_delay=0.1",
+        )
+    )
     assert not found.unsolved
     assert found.gap.max() < 1e-5
 

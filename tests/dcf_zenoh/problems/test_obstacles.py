@@ -25,7 +25,7 @@ def cuts(run: Run) -> bool:
     [
         ("trades", "complete", "point"),
         ("robust", "star", "point"),
-        ("trades", "path", "twin"),
+        ("trades", "ring", "twin"),
     ],
 )
 def test_agents_go_around_obstacles(algorithm: str, topology: str, plant: str) -> None:
