@@ -103,8 +103,12 @@ class Meeting:
     @property
     def plight(self) -> str:
         """Who has not been met, and how far it came."""
-        answerless = sorted(self._waiting - self._silent)
-        return f"nothing heard of agents {sorted(self._silent)}, no answer from {answerless}"
+        unmet = {"nothing heard of": self._silent, "no answer from": self._waiting - self._silent}
+        return ", ".join(
+            f"{what} agent{'s' * (len(who) > 1)} {', '.join(map(str, sorted(who)))}"
+            for what, who in unmet.items()
+            if who
+        )
 
     def say(self, to: int, now: int) -> bytes:
         """The hello for a neighbour, sent at `now`, ns UTC."""

@@ -46,11 +46,11 @@ def test_the_most_certain_offset_is_kept() -> None:
 def test_a_neighbour_that_went_away_has_to_answer_again() -> None:
     a = Meeting(1, [2, 3], "f")
     a.hear(Hello(2, "f", 1, 1, 1, 1))
-    assert a.plight == "nothing heard of agents [3], no answer from []"
+    assert a.plight == "nothing heard of agent 3"
     a.lose(2)
-    assert a.plight == "nothing heard of agents [2, 3], no answer from []"
+    assert a.plight == "nothing heard of agents 2, 3"
     a.hear(Hello(2, "f", 1, 0, 0, 1))
-    assert a.plight == "nothing heard of agents [3], no answer from [2]"
+    assert a.plight == "nothing heard of agent 3, no answer from agent 2"
 
 
 def test_another_fleet_is_refused() -> None:
