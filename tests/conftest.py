@@ -16,6 +16,7 @@ IN_REAL_TIME = (
     "agentd/test_emulate.py",
     "agentd/test_failures.py",
     "agentd/test_fault.py",
+    "agentd/test_frozen.py",
     "agentd/test_landing.py",
     "agentd/test_links.py",
     "agentd/test_rejoin.py",

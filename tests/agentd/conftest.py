@@ -5,6 +5,7 @@ import pytest
 
 from agentd.cli import main
 from tests.command_line import Answer
+from tests.daemons import TRIO
 
 
 @pytest.fixture
@@ -17,3 +18,10 @@ def agentd(capfd: pytest.CaptureFixture[str]) -> Callable[..., Answer]:
         return Answer(code, *capfd.readouterr())
 
     return run
+
+
+@pytest.fixture
+def trio(tmp_path: Path) -> Path:
+    """A small fleet file, `TRIO`."""
+    (tmp_path / "trio.toml").write_text(TRIO)
+    return tmp_path / "trio.toml"

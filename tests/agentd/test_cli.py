@@ -31,12 +31,6 @@ class Frail(PointMass):
 QUICK = ("--json", "--no-report", "--set", "time.duration=1.0")
 
 
-@pytest.fixture
-def trio(tmp_path: Path) -> Path:
-    (tmp_path / "trio.toml").write_text(TRIO)
-    return tmp_path / "trio.toml"
-
-
 @pytest.fixture(scope="module")
 def flown(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The directory of a short simulation."""
