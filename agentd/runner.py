@@ -297,7 +297,7 @@ def run_virtual(
             clock.start(request.instant)
         elif isinstance(request, Report):
             report(request)
-        elif isinstance(request, Wait | Activate):
+        elif isinstance(request, (Wait, Activate)):
             if request.senders:
                 hear(request)
             else:

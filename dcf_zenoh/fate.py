@@ -76,7 +76,7 @@ class Fate:
 
     def _ask(self, request: Request) -> Loop[int]:
         """Pass on a request that may last until the crash at most, and longer by the pause."""
-        if isinstance(request, Wait | Activate) and request.until > self._crash_at:
+        if isinstance(request, (Wait, Activate)) and request.until > self._crash_at:
             request = Wait(self._crash_at) if isinstance(request, Activate) else request._replace(until=self._crash_at)
         reply = yield request
         begin, end = self._pause

@@ -154,7 +154,7 @@ def _advance(actor: _Actor, listeners: list[_Actor], ready: list[_Actor]) -> boo
                 listener.heard(message.sender, ready)
         elif isinstance(request, Start):
             actor.now = 0
-        elif isinstance(request, Wait | Activate):
+        elif isinstance(request, (Wait, Activate)):
             if isinstance(request, Activate) or not request.senders:
                 actor.now = max(actor.now, request.until)
             actor.blocked_by = set(actor.lacking(request, request.senders))
