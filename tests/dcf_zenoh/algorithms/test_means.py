@@ -63,3 +63,11 @@ def test_uneven_weights_are_not_doubly_stochastic_even_on_a_directed_ring() -> N
     directed = Graph.of(FIVE, ring(FIVE, directed=True))
     assert all(me.neighbourhood.doubly_stochastic for me in fleet_of(directed, weights="uniform").values())
     assert not any(me.neighbourhood.doubly_stochastic for me in fleet_of(directed, weights="uneven").values())
+
+
+def test_entries_of_another_shape_are_not_stretched_to_be_mixed() -> None:
+    problems = {i: Average(value=[1.0, 2.0] if i == 3 else [float(i)]) for i in FIVE}
+    with pytest.raises(
+        AlgorithmError, match=r"entries 'x' to mix differ in shape: \(1,\) from .*, \(2,\) from agent 3"
+    ):
+        lockstep(average_consensus, problems, fleet_of(graph("ring", FIVE)), 1)
