@@ -138,3 +138,5 @@ class Talk(Generic[T]):
             raise NumericalError(
                 f"{self.place}: the algorithm's residual is not a number; it diverges if a step size is too large"
             )
+        if self.residual < 0:
+            raise AlgorithmError(f"{self.place}: the algorithm's residual is {self.residual:g}; expected a number >= 0")
