@@ -93,9 +93,14 @@ def check(options: Namespace) -> int:
     """Check FLEET and print it with all defaults filled in: what a run would use.
 
     All problems are reported at once. The code of plug-ins that are not part of dcf-zenoh is not run, unless --load
-    is given: their files are read, not executed.
+    is given: their files are read, not executed. A built-in problem that is solved once is solved in one place, and a
+    note says if it has no solution.
     """
+    from dcf_zenoh.oracle import unsolvable  # noqa: PLC0415 - OSQP is for those who need it
+
     fleet = load_as_asked(options, run_plugins=options.load)
+    if reason := unsolvable(fleet):
+        print(f"agentd: note: problem: {reason}", file=sys.stderr)
     print(to_toml(fleet.spec), end="")
     return 0
 

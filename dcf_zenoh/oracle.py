@@ -20,6 +20,7 @@ from dcf_zenoh.controllers.detour import Detour
 from dcf_zenoh.controllers.receding_horizon import AimedProblem, ModelledProblem
 from dcf_zenoh.errors import AlgorithmError
 from dcf_zenoh.plant import Array, Setpoint, State, read_only
+from dcf_zenoh.plugins import is_built_in
 from dcf_zenoh.problems.central import solve_together
 from dcf_zenoh.problems.prediction import state_ahead
 from dcf_zenoh.problems.share import Share, Shareable
@@ -124,6 +125,26 @@ def consult(run: Run) -> Oracle:
         residual=read_only(residual),
         unsolved=unsolved,
     )
+
+
+def unsolvable(fleet: LoadedFleet) -> str | None:
+    """What the central solver says of a fleet whose problem has no solution, which no round of its agents can tell.
+
+    None if there is a solution, or the problem is posed anew in every step, or cannot be told as arrays. Code of others
+    is not run.
+    """
+    spec = fleet.spec
+    if spec.controller_kind.kind != "solve_once" or not is_built_in("problems", spec.problem.kind):
+        return None
+    problems = {i: problem_of(spec, fleet.folder, i) for i in spec.ids}
+    try:
+        with threadpool_limits(1):
+            solve_together({i: _share(problem) for i, problem in problems.items()})
+    except NoOracle:
+        return None
+    except AlgorithmError as error:
+        return str(error)
+    return None
 
 
 def _row(log: AgentLog, step: int) -> int | None:

@@ -4,6 +4,8 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Any, Generic, NamedTuple, TypeVar
 
+import numpy as np
+
 from dcf_zenoh.algorithms.algorithm import Dialogue, Inbox, PerNeighbour
 from dcf_zenoh.errors import AlgorithmError, DcfError, NumericalError, account
 from dcf_zenoh.messaging.message import Payload
@@ -110,7 +112,8 @@ class Talk(Generic[T]):
     def _advance(self, inbox: Inbox | None) -> Any:
         """What the dialogue says next; whether it has `finished`."""
         try:
-            return next(self._dialogue) if inbox is None else self._dialogue.send(inbox)
+            with np.errstate(over="ignore", invalid="ignore"):  # told once, in words, when a residual is no number
+                return next(self._dialogue) if inbox is None else self._dialogue.send(inbox)
         except StopIteration as finished:
             self.finished = True
             self._result = finished.value
@@ -132,4 +135,8 @@ class Talk(Generic[T]):
                 f"{self.place}: the algorithm yielded {said!r:.60}; expected a payload and a residual"
             ) from None
         if self.residual != self.residual:
-            raise NumericalError(f"{self.place}: the algorithm's residual is not a number")
+            raise NumericalError(
+                f"{self.place}: the algorithm's residual is not a number; it diverges if a step size is too large"
+            )
+        if self.residual < 0:
+            raise AlgorithmError(f"{self.place}: the algorithm's residual is {self.residual:g}; expected a number >= 0")

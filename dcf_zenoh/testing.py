@@ -2,7 +2,8 @@
 loop, to drive algorithms.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence, Set
+from copy import deepcopy
 from itertools import combinations
 from typing import Any, TypeAlias, TypeVar
 
@@ -92,14 +93,16 @@ def converse(
     after_round: Callable[[int, Mapping[int, float]], bool] | None = None,
 ) -> dict[int, T]:
     """Let the dialogues of a fleet, be it of algorithms or of controllers, speak in a plain loop; see `lockstep`."""
+    for i, dialogue in dialogues.items():
+        assert isinstance(dialogue, Generator), f"agent {i}: it is no generator: it has no yield"
     said = {i: next(dialogue) for i, dialogue in dialogues.items()}
     waiting: dict[tuple[int, int], list[tuple[int, int, Payload]]] = {}  # link -> (due, sent, payload), in rounds
     heard: dict[tuple[int, int], tuple[int, int, Payload]] = {}  # link -> (first seen, sent, payload)
     names: dict[int, tuple[Set[Any], int]] = dict.fromkeys(dialogues, (frozenset(), 0))  # of own payload, since when
     results: dict[int, T] = {}
     for number in range(rounds):
+        residuals = {i: _residual(each, f"agent {i}, round {number}") for i, each in said.items()}
         own = {i: _as_sent(payload) for i, (payload, _) in said.items()}
-        residuals = {i: residual for i, (_, residual) in said.items()}
         stop = bool(after_round and after_round(number, residuals)) or number + 1 == rounds
         spoken, said = said, {}
         for i, dialogue in dialogues.items():
@@ -135,14 +138,25 @@ def converse(
     return results
 
 
-def _as_sent(payload: Payload | PerNeighbour) -> dict[Any, Any]:
+def _residual(said: Any, place: str) -> float:
+    """The residual of what was yielded, which must be a payload and a residual."""
+    try:
+        _payload, residual = said
+        number = float(residual)
+    except (TypeError, ValueError):
+        raise AssertionError(f"{place}: it yielded {said!r:.60}; expected a payload and a residual") from None
+    assert number >= 0, f"{place}: its residual is {number:g}; expected a number >= 0"
+    return number
+
+
+def _as_sent(payload: Payload | PerNeighbour) -> Mapping[Any, Any]:
     """What an inbox shows as the agent's own payload: canonical; of edge payloads, neighbour -> payload."""
     if isinstance(payload, PerNeighbour):
         return {j: canonical(each) for j, each in payload.payloads.items()}
     return canonical(payload)
 
 
-def _to(receiver: int, said: Payload | PerNeighbour, sent: dict[Any, Any]) -> Payload:
+def _to(receiver: int, said: Payload | PerNeighbour, sent: Mapping[Any, Any]) -> Payload:
     """What `receiver` hears of what was sent."""
     payload: Payload = sent[receiver] if isinstance(said, PerNeighbour) else sent
     return payload
@@ -161,7 +175,8 @@ def check_algorithm(
     """The contract of an algorithm, on one problem and graph.
 
     It returns a result in the very round in which `inbox.stop` is set, whichever that is and whoever is missing in it;
-    it changes nothing it received; and it does the same again when everything is the same.
+    it changes nothing it received; its residuals are numbers >= 0 and its decisions finite; and it does the same again
+    when everything is the same.
 
     Args:
         algorithm: Options bound.
@@ -176,6 +191,7 @@ def check_algorithm(
         first, second = (lockstep(algorithm, problems(), fleet_of(graph), last) for _ in range(2))
         for i, result in first.items():
             assert isinstance(result, Result), f"agent {i} returned {result!r:.60}; expected me.result(decision)"
+            assert np.isfinite(result.decision).all(), f"agent {i} returned a decision that is not finite"
             assert np.array_equal(result.decision, second[i].decision, equal_nan=True), f"agent {i} is not repeatable"
     agent = graph.agents[0]
     for missing in _subsets(graph.in_neighbours(agent)):
@@ -205,8 +221,8 @@ def _check_missing(
         assert isinstance(finished.value, Result), f"{place}: it returned {finished.value!r:.60}"
     else:
         assert not stop, f"{place}: it went on"
+        _residual((payload, residual), place)
         _as_sent(payload)
-        assert residual == residual, f"{place}: its residual is not a number"  # noqa: PLR0124
     for i, values in before.items():
         for name, value in values.items():
             assert _same(value, sent[i][name]), f"{place}: it changed {name!r} of agent {i}"
@@ -289,7 +305,7 @@ def check_fault(make: Callable[[], Fault], *, messages: int = 200) -> None:
     shared = np.random.Generator(np.random.Philox(0))  # what a link does: one generator, set anew for each message
     for number, delivery in enumerate(_deliveries(messages)):
         place = f"message {number}"
-        before = canonical(delivery.message.payload)
+        before = deepcopy(dict(delivery.message.payload))
         outcome = list(fault.apply(delivery, np.random.Generator(np.random.Philox(number))))
         elsewhere.apply(delivery, np.random.Generator(np.random.Philox(messages + number)))
         shared.bit_generator.state = np.random.Philox(number).state

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import dcf_zenoh
+from dcf_zenoh.errors import NumericalError
 from dcf_zenoh.plugins import known
 from tests.test_reproducibility import launch
 
@@ -35,6 +36,20 @@ def test_another_algorithm_on_another_graph_finds_the_same(algorithm: str, topol
     for log in run.agents.values():
         np.testing.assert_allclose(log.decision[-1], [1.0], atol=1e-8)
         assert log.stopped_by == ("agreed",)
+
+
+@pytest.mark.parametrize(
+    ("fleet", "algorithm"),
+    [
+        ("quadratic", "gradient_tracking"), ("quadratic", "dual_decomposition"), ("quadratic", "extra"),
+        ("quadratic", "admm_tracking_gradient"), ("two_players", "pseudo_gradient_partial"),
+    ],
+)  # fmt: skip
+def test_a_step_size_that_is_far_too_large_is_told_in_one_line_and_without_warnings(fleet: str, algorithm: str) -> None:
+    with pytest.raises(
+        NumericalError, match=r"^agent \d: step 0 round \d+: the algorithm's residual is not a number; it"
+    ):
+        dcf_zenoh.simulate(fleet, algorithm=algorithm, changes=["algorithm.step=1e6"])
 
 
 @pytest.mark.parametrize("loss", [0.2, 0.5])

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 import dcf_zenoh
+from dcf_zenoh.errors import AlgorithmError
 from dcf_zenoh.run import Run
 from tests.references import INSTANCES, Reference
 
@@ -191,6 +192,18 @@ def test_another_seed_is_another_run_only_where_chance_plays(tmp_path: Path) -> 
     kind = f"{tmp_path}/coin.py:coin"
     digests = [dcf_zenoh.simulate("average", algorithm=kind, seed=seed).digest for seed in (1, 1, 2)]
     assert digests[0] == digests[1] != digests[2]
+
+
+def test_what_came_in_cannot_be_changed_by_one_receiver_for_the_others(tmp_path: Path) -> None:
+    (tmp_path / "grasping.py").write_text(
+        "def grasping(problem, me):\n"
+        "    inbox = yield {'x': problem.value}, 0.0\n"
+        "    for j in inbox:\n"
+        "        inbox[j]['x'] = 100.0\n"
+        "    return me.result(me.mix(inbox, 'x'))\n"
+    )
+    with pytest.raises(AlgorithmError, match=r"item assignment \(grasping.py:4\)$"):
+        dcf_zenoh.simulate("average", algorithm=f"{tmp_path}/grasping.py:grasping")
 
 
 LARGE = """

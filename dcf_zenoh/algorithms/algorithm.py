@@ -154,6 +154,9 @@ class Me:
         """Weighted mean of entry `name` over the neighbours and the agent itself, summed in order of ids.
 
         The weight of a neighbour with no payload goes to the agent itself, so the weights always sum to 1.
+
+        Raises:
+            AlgorithmError: A payload has no such entry, or one of another shape.
         """
         weights, payloads = self.neighbourhood.weights, inbox.payloads
         own_weight = weights[self.id]
@@ -169,13 +172,16 @@ class Me:
                 else:
                     continue
                 if total is None:
-                    total = term
+                    total, first, shape = term, j, getattr(term, "shape", ())
+                elif getattr(term, "shape", ()) != shape:  # numpy would stretch one of them
+                    raise AlgorithmError(
+                        f"the entries {name!r} to mix differ in shape: {shape} from agent {first},"
+                        f" {np.shape(term)} from agent {j}"
+                    )
                 else:
                     total += term  # terms are fresh, so this changes nobody's array
         except KeyError:
             raise AlgorithmError(f"a payload has no entry {name!r} to mix") from None
-        except ValueError as error:
-            raise AlgorithmError(f"the entries {name!r} differ in shape: {error}") from error
         return total
 
     def note(self, **values: Any) -> None:

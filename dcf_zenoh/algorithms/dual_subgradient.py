@@ -16,7 +16,8 @@ def dual_subgradient(
 
     ``l = sum_j w_ij lam_j, x = argmin f + l'A x, lam+ = l + a_k (A x - b)``, not below 0 for inequalities. The prices
     alone are sent. With steps a_k = step / (k + 1)^decay, 1/2 < decay <= 1, it tends to the answer, slowly; with
-    decay = 0 it stays near it. The residual is the largest change of x, or distance of the own price to the mixed one.
+    decay = 0 it stays near it. The residual is the largest change of x or of the own price; as this takes in the step,
+    the steps must shrink for it to vanish.
 
     Args:
         problem: This agent's cost, set and share of the constraints.
@@ -34,11 +35,11 @@ def dual_subgradient(
         inbox = yield {"lam": lam}, change
         mixed = me.mix(inbox, "lam")
         new = problem.respond(mixed, 0.0, np.zeros(problem.rows))
-        change = max(float(abs(new - x).max()), float(abs(mixed - lam).max()))
-        lam = mixed + step / (k + 1) ** decay * problem.coupling(new)
+        raised = mixed + step / (k + 1) ** decay * problem.coupling(new)
         if not problem.equality:
-            lam = np.maximum(lam, 0.0)
-        x = new
+            raised = np.maximum(raised, 0.0)
+        change = max(float(abs(new - x).max()), float(abs(raised - lam).max()))
+        x, lam = new, raised
         k += 1
         me.note(x=x, lam=lam)
         if inbox.stop:

@@ -14,7 +14,8 @@ def subgradient(
 
     With steps a_k = step / (k + 1)^decay, 1/2 < decay <= 1, all agents tend to a minimiser, slowly. With decay = 0 the
     steps are constant: they get near it at a linear rate, as far as the agents' gradients there differ, and stay there.
-    The residual is the change of the own estimate, which says little while the steps shrink.
+    The residual is the largest change of the own estimate, or its distance to the mixed one: constant steps keep the
+    agents apart, and the smaller the steps, the less it says of the distance to the minimiser.
 
     Args:
         problem: This agent's cost and set.
@@ -31,7 +32,7 @@ def subgradient(
         inbox = yield {"x": x}, change
         v = me.mix(inbox, "x")
         new = problem.project(v - step / (k + 1) ** decay * problem.gradient(v))
-        change, x = float(abs(new - x).max()), new
+        change, x = max(float(abs(new - x).max()), float(abs(v - x).max())), new
         k += 1
         me.note(x=x)
         if inbox.stop:

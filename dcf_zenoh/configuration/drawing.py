@@ -37,11 +37,14 @@ def weights_of(spec: FleetSpec, graph: Graph) -> Array:
     """The mixing weights of a fleet on its graph, rows and columns in order of ids.
 
     Raises:
-        TopologyError: Metropolis or Laplacian weights on a graph that is not undirected, or too large a step.
+        TopologyError: Metropolis or Laplacian weights on a graph that is not undirected, too large a step, or one that
+            no weights use.
     """
     name = spec.topology.weights
     if name == "auto":
         name = "metropolis" if graph.undirected else "uniform"
     if name == "laplacian":
         return laplacian(graph, spec.topology.weight_step)
+    if spec.topology.weight_step is not None:
+        raise TopologyError(f"weight_step is an option of 'laplacian' alone, and the weights are {name!r}")
     return WEIGHTS[name](graph)

@@ -1,5 +1,6 @@
 """What only a plug-in itself can tell of the values it is given: it is made once, as at the beginning of a run."""
 
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
@@ -8,9 +9,11 @@ from dcf_zenoh.configuration.wording import Problems
 from dcf_zenoh.errors import PluginError
 from dcf_zenoh.plant import read_only
 from dcf_zenoh.plugins import is_built_in, load
+from dcf_zenoh.problems.problem import Problem
 from dcf_zenoh.spec import FleetSpec
 
 STARTS = "check_starts"
+SIZES = {"size": "components of a decision", "rows": "shared constraints"}  # what all agents must have as many of
 
 
 def check_values(spec: FleetSpec, folder: Path, problems: Problems, *, run_plugins: bool) -> None:
@@ -39,8 +42,12 @@ def check_values(spec: FleetSpec, folder: Path, problems: Problems, *, run_plugi
         refused = _refusals(sound, lambda agent: problem_of(spec, folder, agent))
         _note(refused, sound, [i for i in sound if spec.agents[i].problem], "problem", problems)
         starts = {i: spec.agents[i].start or () for i in spec.ids}
-        if not refused and len(sound) == len(spec.ids) and all(starts.values()):
-            _check_starts(problem_of(spec, folder, spec.ids[0]), starts, problems)
+        if refused or len(sound) < len(spec.ids):
+            return
+        made = {i: problem_of(spec, folder, i) for i in spec.ids}
+        _check_sizes(made, problems)
+        if all(starts.values()):
+            _check_starts(made[spec.ids[0]], starts, problems)
 
 
 def _may_be_made(spec: FleetSpec, folder: Path, *, run_plugins: bool) -> bool:
@@ -68,6 +75,21 @@ def _note(
         return
     for agent, text in refused.items():
         problems.add(f"agents.{agent}.{table}", text)
+
+
+def _check_sizes(made: Mapping[int, object], problems: Problems) -> None:
+    """Note whose problem has another size than most: numpy would stretch one where both are mixed."""
+    for name, what in SIZES.items():
+        sizes = {
+            i: getattr(each, name) for i, each in made.items() if isinstance(each, Problem) and hasattr(each, name)
+        }
+        usual = Counter(sizes.values()).most_common(1)
+        for agent, size in sizes.items():
+            if size != usual[0][0]:
+                like = next(i for i in sizes if sizes[i] == usual[0][0])
+                problems.add(
+                    f"agents.{agent}.problem", f"{what}: expected {usual[0][0]}, as agent {like} has, not {size}"
+                )
 
 
 def _check_starts(problem: object, starts: Mapping[int, tuple[float, ...]], problems: Problems) -> None:

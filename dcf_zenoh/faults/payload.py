@@ -1,6 +1,7 @@
 """Changing the payload of a message that others have received too."""
 
 from collections.abc import Callable
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ Change = Callable[[npt.NDArray[Any]], npt.NDArray[Any]]
 
 def with_payload(delivery: Delivery, payload: Payload) -> Delivery:
     """The same delivery with another payload."""
-    return delivery._replace(message=delivery.message._replace(payload=payload))
+    return delivery._replace(message=delivery.message._replace(payload=MappingProxyType(payload)))
 
 
 def changed(payload: Payload, names: tuple[str, ...], change: Change) -> Payload:

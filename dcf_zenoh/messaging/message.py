@@ -9,6 +9,7 @@ from enum import IntEnum
 from math import inf
 from operator import ge
 from sys import float_info
+from types import MappingProxyType
 from typing import Any, NamedTuple, NoReturn, TypeAlias
 
 import msgpack
@@ -64,7 +65,7 @@ class Message(NamedTuple):
         last: Whether more will follow.
         residuals: Entry d is the largest residual within d hops of the sender, d rounds ago.
         position: Where the sender is, in m; empty unless a fault of the fleet depends on it.
-        payload: Names to arrays (read-only) or numbers.
+        payload: Names to arrays or numbers; it is read-only, as several receivers may have it.
     """
 
     sender: int
@@ -106,8 +107,8 @@ def _canonical_array(name: str, value: npt.NDArray[Any]) -> npt.NDArray[Any]:
     return value
 
 
-def canonical(payload: Payload, shared: Copies | None = None) -> dict[str, Value]:
-    """A private copy of `payload`, exactly what a receiver decodes: contiguous read-only arrays, plain numbers.
+def canonical(payload: Payload, shared: Copies | None = None) -> Payload:
+    """A private copy of `payload`, exactly what a receiver decodes: read-only, with contiguous arrays, plain numbers.
 
     Arrays that are so already, and own their data, are taken as they are.
 
@@ -147,7 +148,7 @@ def canonical(payload: Payload, shared: Copies | None = None) -> dict[str, Value
             )
     if size > PAYLOAD_MAX:
         raise MessageError(f"a payload of {size} bytes is too large; at most {PAYLOAD_MAX} can be sent")
-    return copy
+    return MappingProxyType(copy)
 
 
 def encode(message: Message, sent: int | None = None) -> bytes:
@@ -185,7 +186,7 @@ def decode(data: bytes) -> Message:
     sound = fields[0] == VERSION and last < len(_LAST) and _floats(residuals, inf) and _floats(position, _FINITE)
     if not sound:
         _refuse(fields)
-    entries = {name: _value(name, value) for name, value in payload.items()}
+    entries = MappingProxyType({name: _value(name, value) for name, value in payload.items()})
     return Message._make((*fields[1:10], _LAST[last], residuals, position, entries))
 
 

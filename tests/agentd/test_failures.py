@@ -259,7 +259,7 @@ def test_what_breaks_in_one_agent_ends_the_fleet_in_virtual_time(
         (
             "algorithm.fails='residual'",
             NumericalError,
-            "agent 2: step 3 round 3: the algorithm's residual is not a number",
+            "agent 2: step 3 round 3: the algorithm's residual is not a number; it diverges if a step size is too",
         ),
         (
             "plants.body.fails='sense'",

@@ -60,3 +60,27 @@ def test_a_problem_without_steps_is_only_told_in_numbers(tmp_path: Path, agentd:
     answer = agentd("simulate", "quadratic", "--oracle", "--out", tmp_path / "out")
     assert "steps compared" in answer.out
     assert not (tmp_path / "out" / "oracle.png").exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (
+            ("allocation", *(f"agents.{i}.problem.upper=1.0" for i in range(1, 5))),
+            "agentd: note: problem: there is no solution: OSQP says primal infeasible\n",
+        ),
+        (
+            ("quadratic", "algorithm={kind='edge_admm'}", "agents.1.problem.lower=2.0", "agents.2.problem.upper=1.0"),
+            "agentd: note: problem: there is no solution: OSQP says primal infeasible\n",
+        ),
+        (("allocation",), ""),
+        (("position_swap",), ""),
+    ],
+)
+def test_check_says_that_a_problem_has_no_solution(
+    words: tuple[str, ...], said: str, agentd: Callable[..., Answer]
+) -> None:
+    changes = [word for change in words[1:] for word in ("--set", change)]
+    answer = agentd("check", words[0], *changes)
+    assert answer.code == 0
+    assert answer.err == said

@@ -188,8 +188,9 @@ def yields(*said: Any) -> Dialogue[None]:
         (
             [({}, 1.0), ({}, math.nan)],
             NumericalError,
-            "agent 1: step 7 round 1: the algorithm's residual is not a number",
+            "agent 1: step 7 round 1: the algorithm's residual is not a number; it diverges if a step size is too",
         ),
+        ([({}, -1.0)], AlgorithmError, "step 7 round 0: the algorithm's residual is -1; expected a number >= 0"),
         ([(PerNeighbour({2: {}}), 1.0)], AlgorithmError, r"PerNeighbour names \[2\]; expected exactly .* \[2, 3\]"),
         ([({}, 1.0)] * 9, AlgorithmError, "agent 1: step 7 round 3: the algorithm went on after inbox.stop"),
     ],

@@ -68,9 +68,34 @@ def forgetful(problem: Average, me: Me, *, memory: list[int]) -> Dialogue[Result
     return me.result([float(len(memory))])
 
 
+def says(*said: Any, decision: float = 0.0) -> Algorithm:
+    def algorithm(_problem: object, me: Me) -> Dialogue[Result]:
+        while not (yield said).stop:
+            pass
+        return me.result([decision])
+
+    return algorithm
+
+
+def grasping(_problem: object, me: Me) -> Dialogue[Result]:
+    while True:
+        inbox = yield {"x": 1.0}, 0.0
+        for j in inbox:
+            inbox[j]["x"] = 2.0  # type: ignore[index]
+        if inbox.stop:
+            return me.result([0.0])
+
+
 @pytest.mark.parametrize(
     ("algorithm", "error", "text"),
     [
+        (says({"x": 1.0}), AssertionError, "agent 1, round 0: it yielded .*; expected a payload and a residual"),
+        (says({"x": 1.0}, None), AssertionError, "agent 1, round 0: it yielded .*; expected a payload and a residual"),
+        (says({"x": 1.0}, -1.0), AssertionError, "agent 1, round 0: its residual is -1; expected a number >= 0"),
+        (says({"x": 1.0}, np.nan), AssertionError, "agent 1, round 0: its residual is nan; expected a number >= 0"),
+        (says({"x": 1.0}, 0.0, decision=np.inf), AssertionError, "agent 1 returned a decision that is not finite"),
+        (lambda _problem, me: me.result([0.0]), AssertionError, "agent 1: it is no generator: it has no yield"),
+        (grasping, TypeError, "does not support item assignment"),
         (late, AssertionError, "round 0: returned .., stop is True"),
         (bare, AssertionError, r"agent 1 returned array\(\[1.\]\); expected me.result"),
         (demanding, KeyError, "2"),

@@ -118,6 +118,27 @@ def test_random_markets_on_random_graphs(seed: int) -> None:
     assert course(trades_primal, problems, network, answers, 2500).error < 1e-8
 
 
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("algorithm", [trades, trades_robust])
+def test_random_markets_with_a_capacity_on_random_graphs(algorithm: Algorithm, seed: int) -> None:
+    """Where the capacity C binds, x_i = (price - c_i - slope C - lam) / slope, and lam is such that they sum to C."""
+    network = random_graph(seed)
+    rng = np.random.default_rng(seed)
+    costs, slope, capacity = rng.uniform(1, 2, len(network.agents)), 0.5, 9.0
+    lam = 10.0 - slope * capacity - costs.mean() - slope * capacity / len(costs)
+    x = (10.0 - costs - slope * capacity - lam) / slope
+    assert (x > 0).all()
+    assert lam > 0
+    problems: Problems = {
+        i: Cournot(i, network.agents, cost=float(costs[k]), slope=slope, capacity=capacity)
+        for k, i in enumerate(network.agents)
+    }
+    found = course(algorithm, problems, network, {i: x[[k]] for k, i in enumerate(network.agents)}, 2500)
+    assert found.error < 1e-5
+    for memory in found.memories.values():
+        np.testing.assert_allclose(memory["lam"], lam, atol=1e-5)
+
+
 def test_seeing_all_actions_needs_a_link_from_everybody() -> None:
     with pytest.raises(AlgorithmError, match=r"needs every agent to hear all others; agent 1 hears \[2, 4\] of 3"):
         lockstep(pseudo_gradient, cournot(), fleet_of(graph("ring")), 1)

@@ -3,13 +3,14 @@
 import numpy as np
 import pytest
 
+from dcf_zenoh.algorithms.algorithm import Algorithm
 from dcf_zenoh.algorithms.average_consensus import average_consensus
 from dcf_zenoh.algorithms.push_sum import push_sum
 from dcf_zenoh.errors import AlgorithmError
-from dcf_zenoh.graph import Graph
+from dcf_zenoh.graph import Graph, metropolis
 from dcf_zenoh.plant import Array
 from dcf_zenoh.problems.average import Average
-from dcf_zenoh.testing import fleet_of, lockstep
+from dcf_zenoh.testing import fleet_of, lockstep, lossy
 from tests.answers import TOPOLOGIES, Problems, course, everywhere, graph, random_graph
 from topologies.ring import ring
 
@@ -43,6 +44,31 @@ def test_push_sum_finds_it_on_undirected_graphs_too(topology: str, seed: int) ->
 
 
 @pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("topology", ["ring", "path", "star"])  # on the complete graph it is there after one round
+def test_average_consensus_is_as_fast_as_the_second_eigenvalue_of_its_weights(topology: str, seed: int) -> None:
+    problems, mean = values(seed)
+    network = graph(topology, FIVE)
+    second = np.sort(abs(np.linalg.eigvalsh(metropolis(network))))[-2]
+    found = course(average_consensus, problems, network, everywhere(mean, FIVE), 200)
+    assert found.error < 1e-9
+    assert found.rate == pytest.approx(second, abs=0.01)
+    assert found.straightness < -0.99
+
+
+def test_average_consensus_is_done_after_one_round_where_all_hear_all() -> None:
+    problems, mean = values(0)
+    assert course(average_consensus, problems, graph("complete", FIVE), everywhere(mean, FIVE), 1).error < 1e-15
+
+
+@pytest.mark.parametrize("algorithm", [average_consensus, push_sum])
+def test_lost_messages_leave_a_bias(algorithm: Algorithm) -> None:
+    problems, mean = values(0)
+    network = graph("ring", FIVE)
+    found = course(algorithm, problems, network, everywhere(mean, FIVE), 300, links=lossy(1, 0.05))
+    assert 1e-4 < found.error < 1.0
+
+
+@pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("weights", ["metropolis", "laplacian"])
 def test_average_consensus_finds_it_with_doubly_stochastic_weights(weights: str, seed: int) -> None:
     network = random_graph(seed)
@@ -63,3 +89,11 @@ def test_uneven_weights_are_not_doubly_stochastic_even_on_a_directed_ring() -> N
     directed = Graph.of(FIVE, ring(FIVE, directed=True))
     assert all(me.neighbourhood.doubly_stochastic for me in fleet_of(directed, weights="uniform").values())
     assert not any(me.neighbourhood.doubly_stochastic for me in fleet_of(directed, weights="uneven").values())
+
+
+def test_entries_of_another_shape_are_not_stretched_to_be_mixed() -> None:
+    problems = {i: Average(value=[1.0, 2.0] if i == 3 else [float(i)]) for i in FIVE}
+    with pytest.raises(
+        AlgorithmError, match=r"entries 'x' to mix differ in shape: \(1,\) from .*, \(2,\) from agent 3"
+    ):
+        lockstep(average_consensus, problems, fleet_of(graph("ring", FIVE)), 1)

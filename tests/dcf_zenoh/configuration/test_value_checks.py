@@ -53,6 +53,28 @@ def test_problem_of_one_agent_does_not_hide_that_of_another_table() -> None:
     ]
 
 
+@pytest.mark.parametrize(
+    ("fleet", "changes", "said"),
+    [
+        (
+            "quadratic",
+            ["agents.2.problem.centre=[1.0, 2.0]"],
+            ["agents.2.problem: components of a decision: expected 1, as agent 1 has, not 2"],
+        ),
+        (
+            "average",
+            ["agents.1.problem.value=[1.0, 2.0]", "agents.4.problem.value=[1.0, 2.0, 3.0]"],
+            [
+                "agents.1.problem: components of a decision: expected 1, as agent 2 has, not 2",
+                "agents.4.problem: components of a decision: expected 1, as agent 2 has, not 3",
+            ],
+        ),
+    ],
+)
+def test_all_agents_decide_on_as_many_components(fleet: str, changes: list[str], said: list[str]) -> None:
+    assert found(*changes, source=fleet) == said
+
+
 def test_what_has_a_problem_already_is_not_told_twice() -> None:
     assert [each.partition(":")[0] for each in found("plants.twin.mass=heavy", "agents.1.start=[1.0, 0.0]")] == [
         "agents.3.start",

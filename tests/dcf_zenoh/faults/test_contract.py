@@ -126,7 +126,10 @@ class Moving(Passing):
 
 class Rewriting(Passing):
     def apply(self, delivery: Delivery, rng: np.random.Generator) -> Sequence[Delivery]:
-        delivery.message.payload["x"] = 0.0  # type: ignore[index]
+        for value in delivery.message.payload.values():
+            if isinstance(value, np.ndarray) and value.dtype == float:
+                value.setflags(write=True)
+                value[...] = 0.0
         return (delivery,)
 
 
@@ -149,7 +152,7 @@ class Bare(Passing):
         (Broken, r"message 0: due at \d+\.5, expected a whole number of ns"),
         (Early, r"message 0: due at -?\d+ ns, before it entered at \d+ ns"),
         (Moving, "message 0: it changed where the receiver is"),
-        (Rewriting, "message 0: it changed the payload that it got"),
+        (Rewriting, "message 2: it changed the payload that it got"),
         (Open, "message 0: its payload 'x' can be changed"),
         (Bare, "message 0: it returned Message"),
     ],
