@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patches import Patch
 
-from agentd.figures.style import RED, agent_style
+from agentd.figures.style import GREY, RED, agent_style
 
 Rows = Sequence[Mapping[str, Any]]
 PANELS = {  # column -> label
@@ -48,6 +49,9 @@ def sweep(rows: Rows, axes: Mapping[str, Sequence[str]]) -> Figure | None:
         elif name != "arrived":
             panel.set_ylim(bottom=0)
     handles, labels = panels[0].get_legend_handles_labels()
+    if shown != ["arrived"]:
+        handles.append(Patch(color=GREY, alpha=0.3, linewidth=0))
+        labels.append("first to third quartile")
     title = f"{', '.join(others)}:" if others else None
     figure.legend(
         handles, labels, title=title, title_fontsize=9.5, loc="outside lower center", ncols=min(4, len(labels))
