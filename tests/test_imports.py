@@ -15,7 +15,7 @@ LAYERS = (
     "plant spec graph clock messaging.message configuration.wording",
     "requests agreement messaging.delivery messaging.mailbox faults algorithms problems layouts",
     "rhythm fate talk transmission controllers reception exchange recording supervisor",
-    "flight agent messaging problem_contract testing",
+    "flight agent messaging testing",
     "plugins",
     "configuration config",
     "assembly agent_log run metrics simulation comparison link_health replay explanation oracle",
