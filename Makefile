@@ -4,6 +4,8 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
+unexport PYTHONDONTWRITEBYTECODE  # processes start faster from compiled modules
+
 .PHONY: demo test bench clean
 
 demo: $(READY)  ## four daemons fly the position swap over Zenoh, in virtual time

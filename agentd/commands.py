@@ -7,8 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
-from rich.console import Console
-
+from agentd.printing import print_wide
 from agentd.rundir import check_unused, default_endpoints, new_run_folder, read_about
 from agentd.telling import judge, launch_and_tell, load_as_asked, print_judgement, read_run, simulate_and_tell
 from dcf_zenoh.config import load, to_toml
@@ -20,7 +19,6 @@ if TYPE_CHECKING:
     pass
 
 Command: TypeAlias = Callable[[Namespace], int]
-WIDE = 160  # characters of a table that no screen cuts off
 
 
 def launch(options: Namespace) -> int:
@@ -48,7 +46,7 @@ def run(options: Namespace) -> int:
     from dcf_zenoh.config import freeze  # noqa: PLC0415
 
     status = claim_stdout() if options.supervised else None
-    fleet = load_as_asked(options)
+    fleet = load_as_asked(options, unused=not options.supervised)  # the launcher has checked it all
     if options.id not in fleet.spec.agents:
         raise ConfigurationError(
             f"--id {options.id}: there is no such agent; agents are {list(fleet.spec.ids)}", fleet.source
@@ -178,9 +176,7 @@ def preflight(options: Namespace) -> int:
     options.clock = options.clock or "wall"
     fleet = load_as_asked(options)
     found = inspect(fleet)
-    console = Console(file=options.output)
-    console = console if console.is_terminal else Console(file=options.output, width=WIDE)
-    console.print(table(fleet.spec.name, found), highlight=False)
+    print_wide(options.output, table(fleet.spec.name, found))
     problems = [line for each in found for line in each.problems]
     for line in problems:
         print(f"agentd: {line}", file=sys.stderr)
@@ -319,9 +315,7 @@ def links(options: Namespace) -> int:
     elif options.export is not None:
         print(replay_lines(profiles, options.export, found), end="", file=options.output)
     else:
-        console = Console(file=options.output)
-        console = console if console.is_terminal else Console(file=options.output, width=WIDE)
-        console.print(title(found, health), links_table(health), remark(found, health), sep="\n", highlight=False)
+        print_wide(options.output, title(found, health), links_table(health), remark(found, health))
     return 0
 
 

@@ -7,8 +7,7 @@ from argparse import Namespace
 from dataclasses import dataclass
 from pathlib import Path
 
-from rich.console import Console
-
+from agentd.printing import print_wide
 from agentd.report import write_comparison
 from agentd.rundir import new_folder, new_run_folder, write_about
 from agentd.scores import scores, scores_table, write_csv
@@ -20,7 +19,6 @@ from dcf_zenoh.errors import ConfigurationError, DcfError, Interrupted
 from dcf_zenoh.run import Run
 
 MOST = 12  # variants that can still be told apart side by side
-WIDE = 160  # characters of a table that no screen cuts off
 
 
 @dataclass(frozen=True)
@@ -70,9 +68,7 @@ def compare_variants(options: Namespace) -> int:
     if options.json:
         print(json.dumps({"fleet": name, "folder": str(folder), "variants": rows}), file=options.output)
     else:
-        console = Console(file=options.output)
-        console = console if console.is_terminal else Console(file=options.output, width=WIDE)
-        console.print(scores_table(f"{name}: {len(rows)} variants", rows), highlight=False)
+        print_wide(options.output, scores_table(f"{name}: {len(rows)} variants", rows))
         files = ", ".join(path.name for path in [folder / "comparison.csv", *written])
         print(f"{folder}: the runs, and {files}", file=options.output)
     return 1 if any(outcome.failure for outcome in outcomes) else 0

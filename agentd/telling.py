@@ -7,9 +7,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rich.console import Console
-
-from agentd.progress import Progress
 from agentd.rundir import write_about
 from dcf_zenoh.config import LoadedFleet, load
 from dcf_zenoh.errors import DcfError, Landed, RecordingError
@@ -22,6 +19,7 @@ if TYPE_CHECKING:
 def launch_and_tell(fleet: LoadedFleet, folder: Path, options: Namespace) -> None:
     """Launch, and say what came of it, also when it failed."""
     from agentd.fleet import launch as launch_fleet  # noqa: PLC0415 - Zenoh is for those who need it
+    from agentd.progress import Progress  # noqa: PLC0415
 
     failure: DcfError | None = None
     with Progress(fleet.spec, quiet=options.json) as progress:
@@ -49,7 +47,7 @@ def simulate_and_tell(fleet: LoadedFleet, folder: Path, options: Namespace) -> N
         raise Landed("\n".join(landed))
 
 
-def load_as_asked(options: Namespace, *, run_plugins: bool = True) -> LoadedFleet:
+def load_as_asked(options: Namespace, *, run_plugins: bool = True, unused: bool = True) -> LoadedFleet:
     """The fleet that the options name; what the user should know goes to standard error."""
     fleet = load(
         options.fleet,
@@ -60,6 +58,7 @@ def load_as_asked(options: Namespace, *, run_plugins: bool = True) -> LoadedFlee
         algorithm=options.algorithm,
         topology=options.topology,
         run_plugins=run_plugins,
+        unused=unused,
     )
     for note in fleet.notes:
         print(f"agentd: note: {note}", file=sys.stderr)
@@ -76,6 +75,8 @@ def read_run(folder: Path) -> Run:
 
 def tell(run: Run, options: Namespace) -> None:
     """Summary and figures at the end of a run."""
+    from rich.console import Console  # noqa: PLC0415
+
     from agentd.summary import summary_table  # noqa: PLC0415
 
     judged = judge([run]) if options.oracle else []
@@ -110,6 +111,8 @@ def judge(runs: Sequence[Run]) -> "list[Oracle]":
 
 def print_judgement(runs: Sequence[Run], judged: "Sequence[Oracle]") -> None:
     """A table of what was found for each run."""
+    from rich.console import Console  # noqa: PLC0415
+
     from agentd.judgement import oracle_table  # noqa: PLC0415
 
     for run, found in zip(runs, judged, strict=False):

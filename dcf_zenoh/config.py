@@ -28,6 +28,7 @@ def load(
     algorithm: str | None = None,
     topology: str | None = None,
     run_plugins: bool = True,
+    unused: bool = True,
 ) -> LoadedFleet:
     """Read and check a fleet file.
 
@@ -45,6 +46,7 @@ def load(
         topology: A kind, in place of the file's.
         run_plugins: Import plug-ins that are not part of dcf-zenoh; without it, what their text tells is checked,
             and their defaults stay unsaid.
+        unused: Check the algorithms and plants, too, that no agent uses, which imports those of dcf-zenoh.
 
     Raises:
         ConfigurationError: With all problems of the file, one line each.
@@ -62,7 +64,7 @@ def load(
     draft.complete()
     spec = validate(draft.table, draft.problems) if lay_out(draft) else None
     if spec is not None:
-        check(spec, draft.folder, draft.problems, draft.notes, run_plugins=run_plugins)
+        check(spec, draft.folder, draft.problems, draft.notes, run_plugins=run_plugins, unused=unused)
     if spec is None or draft.problems:
         raise ConfigurationError(draft.problems.lines, draft.source)
     spec = with_defaults(spec, draft.folder, run_plugins=run_plugins)

@@ -20,7 +20,9 @@ from dcf_zenoh.plugins import Schema, is_built_in
 from dcf_zenoh.spec import FleetSpec, Kind
 
 
-def check(spec: FleetSpec, folder: Path, problems: Problems, notes: list[str], *, run_plugins: bool) -> None:
+def check(
+    spec: FleetSpec, folder: Path, problems: Problems, notes: list[str], *, run_plugins: bool, unused: bool = True
+) -> None:
     """Add to `problems` and `notes` whatever is to be said about `spec`.
 
     Args:
@@ -29,6 +31,7 @@ def check(spec: FleetSpec, folder: Path, problems: Problems, notes: list[str], *
         problems: What is wrong.
         notes: What is allowed, but should be known.
         run_plugins: Import the plug-ins of others; without it they are looked at only.
+        unused: Look at the algorithms and plants, too, that no agent uses.
     """
     _check_plant_names(spec, problems)
     _check_starts(spec, problems)
@@ -38,10 +41,10 @@ def check(spec: FleetSpec, folder: Path, problems: Problems, notes: list[str], *
     _check_endpoints(spec, problems)
     shelf = Shelf(folder, run_plugins, problems, notes)
     _check_problem(spec, shelf)
-    _check_plants(spec, shelf)
+    _check_plants(spec, shelf, unused=unused)
     shelf.check("algorithms", spec.algorithm, "algorithm")
     for name, kind in spec.algorithms.items():
-        if kind != spec.algorithm:
+        if unused and kind != spec.algorithm:
             shelf.check("algorithms", kind, f"algorithms.{name}", used=False)
     if not problems.within("plant"):
         shelf.check("controllers", spec.controller_kind, "controller")
@@ -128,10 +131,12 @@ def _check_problem(spec: FleetSpec, shelf: Shelf) -> None:
     _check_overridden(shelf, schema, spec.problem, "problem", overrides=overrides, users=spec.agents, key=key)
 
 
-def _check_plants(spec: FleetSpec, shelf: Shelf) -> None:
+def _check_plants(spec: FleetSpec, shelf: Shelf, *, unused: bool) -> None:
     owners: dict[tuple[object, str, str], int] = {}
     for name, kind in spec.plants.items():
         users = [agent for agent, own in spec.agents.items() if (own.plant or spec.plant) == name]
+        if not (users or unused):
+            continue
         overrides = {agent: own.plants[name] for agent, own in spec.agents.items() if name in own.plants}
 
         def key(agent: int, option: str, name: str = name) -> str:

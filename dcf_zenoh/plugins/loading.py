@@ -3,7 +3,7 @@
 import functools
 import importlib
 from collections.abc import Callable, Mapping
-from importlib.metadata import EntryPoint, entry_points
+from importlib.metadata import EntryPoint, EntryPoints, PackageNotFoundError, distribution, entry_points
 from pathlib import Path
 from types import ModuleType
 from typing import Any, cast
@@ -18,12 +18,26 @@ Plugin = Callable[..., Any]
 @functools.cache
 def known(group: str) -> Mapping[str, EntryPoint]:
     """The installed kinds of a group, by name; a built-in one wins over another of the same name."""
-    points = entry_points(group=f"dcf_zenoh.{group}")
+    points = installed().select(group=f"dcf_zenoh.{group}")
     return {point.name: point for point in sorted(points, key=lambda point: (_is_ours(point), point.name))}
 
 
+@functools.cache
+def installed() -> EntryPoints:
+    """Of everything that is installed: reading them takes a while."""
+    return cast(EntryPoints, entry_points())
+
+
+@functools.cache
+def _our_points() -> frozenset[EntryPoint]:
+    try:
+        return frozenset(distribution("dcf-zenoh").entry_points)
+    except PackageNotFoundError:
+        return frozenset()
+
+
 def _is_ours(point: EntryPoint) -> bool:
-    return point.dist is not None and point.dist.name.lower().replace("_", "-") == "dcf-zenoh"
+    return point in _our_points()
 
 
 def is_built_in(group: str, kind: str) -> bool:

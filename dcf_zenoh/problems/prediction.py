@@ -4,9 +4,9 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import solve_discrete_are
 
 from dcf_zenoh.plant import Array, Setpoint, State
+from dcf_zenoh.problems.riccati import solve_riccati
 
 
 class Prediction(NamedTuple):
@@ -58,7 +58,7 @@ class Prediction(NamedTuple):
         Q = _square(state_weight, 4, "state_weight")
         R = _square(input_weight, 2, "input_weight")
         A, B = powers[1], lifts[1][:, :2]
-        P = terminal_weight * solve_discrete_are(A, B, Q, R)
+        P = terminal_weight * solve_riccati(A, B, Q, R)
         stages = [(G, Q, power) for G, power in zip(lifts[:-1], powers[:-1], strict=True)]
         stages.append((lifts[-1], P, powers[-1]))
         quadratic: Array = np.asarray(np.kron(np.eye(horizon), R) + sum(G.T @ W @ G for G, W, _ in stages), np.float64)

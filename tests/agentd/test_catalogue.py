@@ -6,6 +6,7 @@ import pytest
 
 from agentd.cli import main
 from dcf_zenoh.plugins import GROUPS, known
+from dcf_zenoh.plugins.loading import installed
 
 ENTRY_POINTS = """
 [dcf_zenoh.plants]
@@ -48,8 +49,14 @@ def _my_lab(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     (tmp_path / "my_lab_broken.py").write_text("import no_such_driver")
     (tmp_path / "my_lab_quitter.py").write_text("raise SystemExit('no robot here')")
     monkeypatch.syspath_prepend(tmp_path)
-    known.cache_clear()
+    forget()
     yield
+    forget()
+
+
+def forget() -> None:
+    """What was read of installed distributions."""
+    installed.cache_clear()
     known.cache_clear()
 
 
