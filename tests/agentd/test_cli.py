@@ -358,3 +358,14 @@ def test_report_names_the_figures_it_draws(flown: Path, tmp_path: Path, agentd: 
     paths = [Path(line) for line in answer.out.splitlines()]
     assert {path.suffix for path in paths} == {".png", ".pdf"}
     assert all(path.parent == tmp_path and path.stat().st_size > 1000 for path in paths)
+
+
+def test_a_daemon_imports_nothing_heavy_that_its_fleet_does_not_use() -> None:
+    """The built-in position swap has tables for algorithms with OSQP and for plants with numba and cflib."""
+    words = ["agentd.commands", "agentd.daemon", "agentd.runner"]
+    code = (
+        f"import sys, {', '.join(words)}; from dcf_zenoh.config import load; load('position_swap', unused=False);"
+        "print(*sorted({'scipy', 'osqp', 'rich', 'matplotlib', 'networkx', 'numba', 'cflib'} & sys.modules.keys()))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
+    assert done.stdout == "\n"
