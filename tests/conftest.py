@@ -6,6 +6,8 @@ from pathlib import Path
 
 import pytest
 
+import agentd  # noqa: F401 - one thread for the linear algebra, as in every run, whatever else is imported first
+
 HERE = Path(__file__).parent
 # Tests of processes in real time. Where the machine is held up for a second, and what they show is not so, they get a
 # second try. All others have to pass at once. Those of a whole fleet run one by one (`make test`).

@@ -129,7 +129,7 @@ def test_the_swap_arrives_and_keeps_its_distance(topology: str) -> None:
 
 
 def test_a_solve_starts_from_the_one_before() -> None:
-    games, _ = distance_moment(3, AGENTS)
+    games, _ = distance_moment(5, AGENTS)
     fleet = fleet_of(graph("complete"))
     iterations: list[float] = []
 
