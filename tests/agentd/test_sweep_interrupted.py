@@ -5,7 +5,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -13,6 +12,7 @@ import pytest
 
 from agentd.workers import WorkerDied, spread
 from tests.command_line import Answer
+from tests.daemons import until
 
 LONG = ("position_swap", "--vary", "exchange.max_rounds=20,30,40", "--seeds", "4", "--set", "time.duration=2.0")
 MINE = """
@@ -34,14 +34,12 @@ def rows(folder: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(stream))
 
 
-def gone(group: int, deadline: float) -> bool:
-    """Whether nobody is left of a process group before a monotonic time."""
-    while time.monotonic() < deadline:
-        try:
-            os.killpg(group, 0)
-        except ProcessLookupError:
-            return True
-        time.sleep(0.05)
+def gone(group: int) -> bool:
+    """Whether nobody is left of a process group."""
+    try:
+        os.killpg(group, 0)
+    except ProcessLookupError:
+        return True
     return False
 
 
@@ -53,11 +51,8 @@ def test_an_interrupted_sweep_ends_all_its_processes_and_goes_on(
     command = [sys.executable, "-m", "agentd", "sweep", *LONG, "--no-oracle", "--out", str(out)]
     process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, start_new_session=True)
     try:
-        deadline = time.monotonic() + 60
-        while len(list((out / "rows").glob("*.json"))) < 2:
-            assert process.poll() is None
-            assert time.monotonic() < deadline
-            time.sleep(0.02)
+        until(lambda: len(list((out / "rows").glob("*.json"))) >= 2 or process.poll() is not None, "two runs", 60)
+        assert process.poll() is None
         process.send_signal(number)
         said = process.communicate(timeout=20)[1]
     finally:
@@ -66,7 +61,7 @@ def test_an_interrupted_sweep_ends_all_its_processes_and_goes_on(
     assert process.returncode == 128 + number
     there = len(list((out / "rows").glob("*.json")))
     assert f"{there} of 12 runs are in {out}" in said
-    assert gone(process.pid, time.monotonic() + 5)
+    until(lambda: gone(process.pid), "all its processes have ended", 5)
     answer = agentd("sweep", *LONG, "--no-oracle", "--out", out)
     assert f"{there} of 12 runs were there already" in answer.err
     whole = tmp_path / "whole"
