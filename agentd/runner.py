@@ -4,6 +4,8 @@ import gc
 import time
 from collections.abc import Callable, Mapping
 
+import numpy as np
+
 from agentd.feed import Feed, Stamps
 from dcf_zenoh.agent import Ending
 from dcf_zenoh.assembly import AgentParts
@@ -35,14 +37,15 @@ def drive(loop: Loop[Ending], answer: Callable[[Request], int]) -> Ending:
         DcfError: Whatever stops the loop.
     """
     try:
-        request = next(loop)
-        while True:
-            try:
-                now = answer(request)
-            except Exception as error:
-                request = loop.throw(error)
-            else:
-                request = loop.send(now)
+        with np.errstate(over="ignore", invalid="ignore"):  # what is no number is refused in words, see `Talk`
+            request = next(loop)
+            while True:
+                try:
+                    now = answer(request)
+                except Exception as error:
+                    request = loop.throw(error)
+                else:
+                    request = loop.send(now)
     except StopIteration as finished:
         ending: Ending = finished.value
         return ending

@@ -136,6 +136,8 @@ def stack(agent: int, ports: list[int], seconds: float) -> None:
         while not stop:
             number += 1
             mine = agent == 0 and number % PERIOD == 0 and time.monotonic() - began > seconds
+            if number % PERIOD == 0:
+                reception.passed.clear()  # as a step's record takes them away
             inbox = yield {"values": values, "stop": mine}, np.inf
             stop = mine or (agent != 0 and bool(inbox[0]["stop"]))
         return Measured.since(number, began, busy)

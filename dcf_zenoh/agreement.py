@@ -46,17 +46,17 @@ class Agreement:
 
     def conclude(self, residual: float, heard: Iterable[Message], round: int) -> bool:
         """Take in the newest header of each neighbour at the end of `round`; whether this round is the last."""
-        size = len(self._farther) + 1
-        messages = [message for message in heard if len(message.residuals) == size]
-        spread = tuple(
-            map(max, zip((residual, *self._farther), *[message.residuals for message in messages], strict=True))
-        )
-        self._farther = spread[:-1]
-        if spread[-1] < self._threshold:
-            self._announce(round + self._margin)
+        spread = [residual, *self._farther]
+        messages = [message for message in heard if len(message.residuals) == len(spread)]
         for message in messages:
+            for d, each in enumerate(message.residuals):
+                if each > spread[d]:  # noqa: PLR1730 - max() takes longer
+                    spread[d] = each
             if message.stop_at >= 0:
                 self._announce(message.stop_at)
+        if spread.pop() < self._threshold:
+            self._announce(round + self._margin)
+        self._farther = tuple(spread)
         self.settle(messages)
         return 0 <= self._stop_at <= round
 

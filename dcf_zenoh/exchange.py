@@ -64,7 +64,7 @@ class Exchange:
         stopwatch: Real time in ns, to measure computation; in virtual time it never enters a decision.
         noted: What the algorithm wants to see in the log of a round; None to keep no log of rounds.
         rhythm: Of the agent's activations; None in synchronous mode.
-        slowness: Fleet time in ns -> factor by which computing takes longer.
+        slowness: Fleet time in ns -> factor by which computing takes longer; None if it never does.
         virtual: Computing takes the time that the settings say, and promises are needed.
         tells_position: Its messages say where the agent is.
     """
@@ -81,7 +81,7 @@ class Exchange:
         *,
         noted: Callable[[], Mapping[str, Any]] | None = None,
         rhythm: Rhythm | None = None,
-        slowness: Callable[[int], float] = lambda _now: 1.0,
+        slowness: Callable[[int], float] | None = None,
         virtual: bool = True,
         tells_position: bool = False,
     ) -> None:
@@ -243,6 +243,8 @@ class Exchange:
 
     def _computed(self, talk: Talk[T], now: int) -> int:
         """When a round's computation is done: after what the settings say, or on the wall clock what is too much."""
+        if self._slowness is None:
+            return now + self._compute_time
         factor = self._slowness(now)
         duration = self._compute_time * factor if self._virtual else talk.last_compute * (factor - 1)
         return now + round(duration)

@@ -45,8 +45,12 @@ class Fate:
         """Whether the neighbours' runners want to know that nothing will come."""
         return self._away is not None
 
-    def slowness(self, now: int) -> float:
-        """By what computation takes longer at `now`, ns."""
+    @property
+    def slowness(self) -> Callable[[int], float] | None:
+        """Fleet time in ns -> by what computation takes longer then; None if it never does."""
+        return self._slowness if self._factor != 1.0 else None
+
+    def _slowness(self, now: int) -> float:
         return self._factor if self._slow[0] <= now < self._slow[1] else 1.0
 
     def back_at(self, crashed: int) -> int:

@@ -140,13 +140,16 @@ class Reception:
         """
         end = now
         for j, ear in self._ears.items():
-            self._take(j, ear, self._mailbox.take(j, self._step, round))
+            arrived = self._mailbox.take(j, self._step, round)
+            if arrived:
+                self._take(j, ear, arrived)
             due = self._due(ear, round)
             if due is None:
                 awaited = not (ear.through or ear.silence >= self._silent_after or self._mailbox.dead(j))
                 due = deadline if awaited else now
-            end = max(end, due)
-        return min(end, max(deadline, now))
+            if due > end:  # noqa: PLR1730 - max() takes longer
+                end = due
+        return end if end <= deadline or end <= now else max(deadline, now)
 
     def close(self, round: int, now: int) -> None:
         """End a synchronous `round`: hear what is there by `now`, and count it."""
@@ -178,11 +181,10 @@ class Reception:
         faults = self._faults.get(neighbour)
         for delivery in arrived:
             message = delivery.message
-            if message.step < 0 or message.last >= _DONE:  # the start and goodbyes are about the run itself
+            of_the_run = message.step < 0 or message.last >= _DONE  # the start and goodbyes
+            if faults is None or of_the_run:
                 ear.waiting.append(delivery)
-            elif faults is None:
-                ear.waiting.append(delivery)
-                if self._watch:
+                if self._watch and not of_the_run:
                     self._note(delivery, delivery.due)
             else:
                 self._convey(delivery, faults, ear)

@@ -6,6 +6,7 @@ from io import BytesIO
 from pathlib import Path
 from typing import BinaryIO
 
+import numpy as np
 from threadpoolctl import threadpool_limits
 
 from dcf_zenoh.agent_log import AgentLog
@@ -124,16 +125,17 @@ def run_agents(parts: Sequence[AgentParts], graph: Graph, choose: Choice | None 
     ready = list(actors.values())
     running = len(ready)
     effect: NeighbourLost | None = None
-    while running:
-        if not ready:
-            waiting = "; ".join(_plight(actor) for actor in actors.values() if actor.wait)
-            raise effect or DcfError(f"the simulation is stuck: {waiting}")
-        actor = ready.pop(choose(len(ready)) if choose else 0)
-        try:
-            running -= not _advance(actor, listeners[actor.parts.id], ready)
-        except NeighbourLost as error:  # another one cannot go on; it is about to say why
-            effect = effect or error
-            running -= 1
+    with np.errstate(over="ignore", invalid="ignore"):  # what is no number is refused in words, see `Talk`
+        while running:
+            if not ready:
+                waiting = "; ".join(_plight(actor) for actor in actors.values() if actor.wait)
+                raise effect or DcfError(f"the simulation is stuck: {waiting}")
+            actor = ready.pop(choose(len(ready)) if choose else 0)
+            try:
+                running -= not _advance(actor, listeners[actor.parts.id], ready)
+            except NeighbourLost as error:  # another one cannot go on; it is about to say why
+                effect = effect or error
+                running -= 1
     if effect:
         raise effect
 

@@ -4,8 +4,6 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Any, Generic, NamedTuple, TypeVar
 
-import numpy as np
-
 from dcf_zenoh.algorithms.algorithm import Dialogue, Inbox, PerNeighbour
 from dcf_zenoh.errors import AlgorithmError, DcfError, NumericalError, account
 from dcf_zenoh.messaging.message import Payload
@@ -112,8 +110,7 @@ class Talk(Generic[T]):
     def _advance(self, inbox: Inbox | None) -> Any:
         """What the dialogue says next; whether it has `finished`."""
         try:
-            with np.errstate(over="ignore", invalid="ignore"):  # told once, in words, when a residual is no number
-                return next(self._dialogue) if inbox is None else self._dialogue.send(inbox)
+            return next(self._dialogue) if inbox is None else self._dialogue.send(inbox)
         except StopIteration as finished:
             self.finished = True
             self._result = finished.value

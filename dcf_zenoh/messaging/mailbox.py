@@ -27,7 +27,8 @@ class _Sender:
     def append(self, delivery: Delivery) -> None:
         message = delivery.message
         self.next = message.sequence + 1
-        self.promise = max(self.promise, message.promise)
+        if message.promise > self.promise:  # noqa: PLR1730 - max() takes longer
+            self.promise = message.promise
         if not message.last:
             self.known = (message.step, message.round)
         elif message.last is Last.OF_STEP:
@@ -75,6 +76,15 @@ class Mailbox:
             due: When it arrived, if that is another instant.
         """
         sender = self._senders[message.sender]
+        delivery = Delivery(message, entered, entered if due is None else due)
+        if message.sequence == sender.next and message.incarnation == sender.incarnation and not sender.ahead:
+            sender.append(delivery)
+        else:
+            self._sort_in(sender, delivery)
+
+    def _sort_in(self, sender: _Sender, delivery: Delivery) -> None:
+        """Take in what is not just the next message of `sender`."""
+        message = delivery.message
         if message.incarnation != sender.incarnation:
             if message.incarnation < sender.incarnation:
                 self.overtaken += 1
@@ -82,7 +92,6 @@ class Mailbox:
             sender = self.welcome(message.sender, message.incarnation)
         if sender.next is None:
             sender.next = message.sequence
-        delivery = Delivery(message, entered, entered if due is None else due)
         if message.sequence == sender.next:
             sender.append(delivery)
             while sender.ahead and sender.ahead[0][0] <= sender.next:
@@ -148,7 +157,10 @@ class Mailbox:
         """Consume all that `sender` sent up to `round` of `step`, oldest first."""
         ready = self._senders[sender].ready
         taken = []
-        while ready and (ready[0].message.step, ready[0].message.round) <= (step, round):
+        while ready:
+            message = ready[0].message
+            if message.step > step or (message.step == step and message.round > round):
+                break
             taken.append(ready.popleft())
         return taken
 

@@ -7,7 +7,6 @@ travel as ``[dtype, shape, bytes]`` with a dtype from `DTYPES`, C order, little 
 from collections.abc import Mapping
 from enum import IntEnum
 from math import inf
-from operator import ge
 from sys import float_info
 from types import MappingProxyType
 from typing import Any, NamedTuple, NoReturn, TypeAlias
@@ -25,6 +24,7 @@ NAME_MAX = 128
 DIMENSIONS_MAX = 8
 STEPS_BEFORE = 16  # step numbers below 0, for dialogues before the start
 NUMBERS_BEFORE = 2**20  # sequence numbers below 0, for their messages
+EARLIEST = -(2**62)  # fleet time, ns
 DTYPES = {
     code: np.dtype(code) for code in ("<f8", "<f4", "<i8", "<i4", "<i2", "|i1", "|u1", "<u2", "<u4", "<u8", "|b1")
 }
@@ -84,11 +84,10 @@ class Message(NamedTuple):
 
 
 _LEAST = {
-    "sender": 0, "incarnation": 0, "sequence": -NUMBERS_BEFORE, "step": -STEPS_BEFORE, "round": 0, "sent": -(2**62),
+    "sender": 0, "incarnation": 0, "sequence": -NUMBERS_BEFORE, "step": -STEPS_BEFORE, "round": 0, "sent": EARLIEST,
     "stop_at": -1, "settled_hops": -1, "promise": 0, "last": 0,
 }  # fmt: skip
-_TYPES = (int,) * (1 + len(_LEAST)) + (tuple, tuple, dict)  # of the fields on the wire, the version first
-_MINIMA = (VERSION, *_LEAST.values())
+_LENGTH = 1 + len(Message._fields)  # of a message on the wire, the version first
 _LAST = tuple(Last)
 _FINITE = float_info.max
 _NUMBERS = (float, int)  # a union of types takes longer
@@ -105,6 +104,14 @@ def _canonical_array(name: str, value: npt.NDArray[Any]) -> npt.NDArray[Any]:
         value = np.array(value, dtype=dtype, order="C")
         value.setflags(write=False)
     return value
+
+
+def _copied(name: str, value: npt.NDArray[Any], shared: Copies) -> npt.NDArray[Any]:
+    """The copy of an array that may be there already."""
+    known = shared.get(id(value))
+    if known is None:
+        known = shared[id(value)] = value, _canonical_array(name, value)
+    return known[1]
 
 
 def canonical(payload: Payload, shared: Copies | None = None) -> Payload:
@@ -124,17 +131,13 @@ def canonical(payload: Payload, shared: Copies | None = None) -> Payload:
     """
     if type(payload) is not dict and not isinstance(payload, Mapping):
         raise MessageError(f"a payload is a mapping of names to arrays or numbers, not {type(payload).__name__}")
-    copies: Copies = {} if shared is None else shared
     copy: dict[str, Value] = {}
     size = 0
     for name, value in payload.items():
         if not isinstance(name, str) or not 0 < len(name) <= NAME_MAX:
             raise MessageError(f"payload name {name!r}: expected a string of 1 to {NAME_MAX} characters")
         if isinstance(value, np.ndarray):
-            known = copies.get(id(value))
-            if known is None:
-                known = copies[id(value)] = value, _canonical_array(name, value)
-            copy[name] = array = known[1]
+            copy[name] = array = _canonical_array(name, value) if shared is None else _copied(name, value, shared)
             size += array.nbytes
         elif isinstance(value, np.generic):
             copy.update(canonical({name: value.item()}))
@@ -180,14 +183,34 @@ def decode(data: bytes) -> Message:
         fields = msgpack.unpackb(data, use_list=False)
     except (ValueError, TypeError, msgpack.UnpackException, RecursionError) as error:
         raise MessageError(f"not a msgpack message: {type(error).__name__} {error}") from error
-    if type(fields) is not tuple or tuple(map(type, fields)) != _TYPES or not all(map(ge, fields, _MINIMA)):
+    if type(fields) is not tuple or len(fields) != _LENGTH:
         _refuse(fields)
-    last, residuals, position, payload = fields[10:]
-    sound = fields[0] == VERSION and last < len(_LAST) and _floats(residuals, inf) and _floats(position, _FINITE)
-    if not sound:
+    (
+        version, sender, incarnation, sequence, step, round, sent, stop_at, settled_hops, promise,
+        last, residuals, position, payload,
+    ) = fields  # fmt: skip
+    if not (  # spelled out: a loop over a table takes twice as long
+        type(version) is int and version == VERSION
+        and type(sender) is int and sender >= 0
+        and type(incarnation) is int and incarnation >= 0
+        and type(sequence) is int and sequence >= -NUMBERS_BEFORE
+        and type(step) is int and step >= -STEPS_BEFORE
+        and type(round) is int and round >= 0
+        and type(sent) is int and sent >= EARLIEST
+        and type(stop_at) is int and stop_at >= -1
+        and type(settled_hops) is int and settled_hops >= -1
+        and type(promise) is int and promise >= 0
+        and type(last) is int and 0 <= last < len(_LAST)
+        and type(residuals) is tuple and _floats(residuals, inf)
+        and type(position) is tuple and _floats(position, _FINITE)
+        and type(payload) is dict
+    ):  # fmt: skip
         _refuse(fields)
     entries = MappingProxyType({name: _value(name, value) for name, value in payload.items()})
-    return Message._make((*fields[1:10], _LAST[last], residuals, position, entries))
+    return Message(
+        sender, incarnation, sequence, step, round, sent, stop_at, settled_hops, promise, _LAST[last], residuals,
+        position, entries,
+    )  # fmt: skip
 
 
 def _refuse(fields: Any) -> NoReturn:
@@ -200,8 +223,8 @@ def _refuse(fields: Any) -> NoReturn:
         raise MessageError(f"expected a msgpack array, got {type(fields).__name__}")
     if type(fields[0]) is not int or fields[0] != VERSION:
         raise MessageError(f"version {fields[0]!r:.20} is not spoken here; expected {VERSION}")
-    if len(fields) != len(_TYPES):
-        raise MessageError(f"expected {len(_TYPES) - 1} fields after the version, got {len(fields) - 1}")
+    if len(fields) != _LENGTH:
+        raise MessageError(f"expected {_LENGTH - 1} fields after the version, got {len(fields) - 1}")
     *numbers, residuals, position, payload = fields[1:]
     for (name, least), value in zip(_LEAST.items(), numbers, strict=True):
         if type(value) is not int or value < least:
