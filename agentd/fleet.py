@@ -111,7 +111,8 @@ def launch(fleet: LoadedFleet, folder: Path, show: Show, say: Say, *, yes: bool 
     if interrupted is not None:
         raise Interrupted(f"stopped by {interrupted.name}", interrupted)
     if found := problems.causes or problems.effects:
-        raise FleetFailed("; ".join(found))
+        more = f"; and {len(found) - 1} more, see above" if len(found) > 1 else ""
+        raise FleetFailed(found[0] + more)
 
 
 def _supervise(

@@ -66,10 +66,10 @@ class Table:
         """Take in what is newer in the table of another agent."""
         if self.names[0] not in payload:
             return
-        index, values = (np.asarray(payload[name]) for name in self.names)
+        index = np.asarray(payload[self.names[0]])
         if (told := index.tobytes()) in self._merged:  # as nearly always: a table rides on every message
             return
-        for (*key, step), value in zip(index.tolist(), values, strict=True):
+        for (*key, step), value in zip(index.tolist(), np.asarray(payload[self.names[1]]), strict=True):
             self.put(tuple(key), step, value)
         if len(self._merged) == MERGED_MAX:
             self._merged.clear()
@@ -86,6 +86,7 @@ class Carrier:
     def __init__(self, *tables: Table) -> None:
         self._tables = tables
         self._names = frozenset([ALONE, *(name for table in tables for name in table.names)])
+        self._allowed: frozenset[str] = frozenset()  # names of the last payload
 
     def alone(self) -> Dialogue[bool]:
         """One round of nothing but tables; whether there is time left after it."""
@@ -128,9 +129,11 @@ class Carrier:
 
     def _loaded(self, payload: Payload) -> Payload:
         loaded = dict(payload)
-        for name in loaded:
-            if str(name).startswith(PREFIX) and name != ALONE:
-                raise AlgorithmError(f"payload names that begin with {PREFIX!r} are taken: {sorted(loaded)}")
+        if loaded.keys() != self._allowed:
+            for name in loaded:
+                if str(name).startswith(PREFIX) and name != ALONE:
+                    raise AlgorithmError(f"payload names that begin with {PREFIX!r} are taken: {sorted(loaded)}")
+            self._allowed = frozenset(loaded)
         for table in self._tables:
             loaded.update(table.payload)
         return loaded
