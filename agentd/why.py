@@ -44,7 +44,7 @@ def why_lines(run: Run, found: Explanation) -> Iterator[str]:
     if found.falsified:
         yield ""
         acts = [f"{name!r} acts on {count} link{'s' * (count > 1)}" for name, count in found.falsified.items()]
-        yield f"Payloads were changed on the way: {', '.join(acts)}."
+        yield f"Faults of payloads: {', '.join(acts)}."
     yield ""
     yield "With a perfect network, all agents present, as many rounds as it takes, and setpoints that act as late:"
     for alternative in found.alternatives:
@@ -129,13 +129,14 @@ def _remarks(alternatives: Iterable[Alternative]) -> Iterator[str]:
 
 
 def _verdict(found: Explanation) -> str:
-    gain = max(each.value for each in found.alternatives) - found.value
+    values = [each.value for each in found.alternatives]
+    gain = max(values) - found.value
     if not found.disturbed:
         return _undisturbed(found, gain)
     if gain <= _ALIKE:
         return (
             "Something was lost, late, absent or falsified in these steps, but with a perfect network the two would"
-            " have come as close: it is not the cause."
+            f" have come as close{' or closer' * (min(values) < found.value - _ALIKE)}: it is not the cause."
         )
     if found.quantity == "distance" or found.value >= 0:
         return f"With a perfect network the two would have stayed further apart, by up to {gain:.3f}{_unit(found)}."

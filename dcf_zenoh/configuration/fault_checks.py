@@ -36,10 +36,23 @@ class _Rule:
     rule: FaultRule
     links: Pairs
 
-    def covers(self, other: "_Rule") -> bool:
-        """Whether this is for all links and times of another."""
-        (begin, end), (other_begin, other_end) = self.rule.during or ALWAYS, other.rule.during or ALWAYS
-        return begin <= other_begin and other_end <= end and set(other.links) <= set(self.links)
+    @property
+    def window(self) -> tuple[float, float]:
+        """When it is for, s."""
+        return self.rule.during or ALWAYS
+
+    def meets(self, other: "_Rule") -> bool:
+        """Whether this is for some of the links and times of another."""
+        (begin, end), (other_begin, other_end) = self.window, other.window
+        return begin < other_end and other_begin < end and not set(self.links).isdisjoint(other.links)
+
+    def covered(self, others: Sequence["_Rule"]) -> bool:
+        """Whether others together are for all its links and times."""
+        windows: dict[tuple[int, int], list[tuple[float, float]]] = {link: [] for link in self.links}
+        for other in others:
+            for link in windows.keys() & set(other.links):
+                windows[link].append(other.window)
+        return all(_filled(self.window, each) for each in windows.values())
 
 
 def check_links(spec: FleetSpec, graph: Graph | None, shelf: Shelf) -> list[str]:
@@ -160,15 +173,28 @@ def _check_rule(spec: FleetSpec, each: _Rule, pairs: Pairs, problems: Problems) 
         check_window(spec, f"{key}.during", rule.during, problems)
 
 
+def _filled(window: tuple[float, float], others: Sequence[tuple[float, float]]) -> bool:
+    """Whether `others` leave no gap in `window`."""
+    reached, end = window
+    for begin, until in sorted(others):
+        if begin > reached:
+            return False
+        reached = max(reached, until)
+    return bool(others) and reached >= end
+
+
 def _check_overruled(rules: Sequence[_Rule], problems: Problems) -> None:
     """Note what can never act because a later rule says otherwise."""
     for place, each in enumerate(rules):
         for name in each.rule.faults:
-            later = [other for other in rules[place + 1 :] if name in other.rule.faults and other.covers(each)]
-            if later and each.links:
+            later = [other for other in rules[place + 1 :] if name in other.rule.faults and other.meets(each)]
+            if each.links and each.covered(later):
+                alone = [other for other in later if each.covered([other])]
+                winners = listed(f"{other.key}.{name}" for other in alone[:1] or later)
+                come = "comes later," if len(alone[:1] or later) == 1 else "come later, together"
                 problems.add(
                     f"{each.key}.{name}",
-                    f"never acts, as {later[0].key}.{name} comes later, for at least the same links and times",
+                    f"never acts, as {winners} {come} for at least the same links and times",
                 )
 
 

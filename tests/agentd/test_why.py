@@ -58,7 +58,7 @@ def test_the_command_prints_it_and_errors_are_clear(tmp_path: Path, capfd: pytes
 def test_payloads_that_were_changed_are_a_cause(tmp_path: Path) -> None:
     run = named(tmp_path, "[faults]\nnoise = 0.3\n", "exchange.max_rounds=60", "time.duration=6.0")
     lines = text(run).splitlines()
-    assert "Payloads were changed on the way: 'noise' acts on 12 links." in lines
+    assert "Faults of payloads: 'noise' acts on 12 links." in lines
     assert lines[-1].startswith("With a perfect network")
 
 

@@ -146,6 +146,17 @@ def test_rule_that_can_never_act_names_the_one_that_wins(tmp_path: Path, text: s
     assert problems(lossy(tmp_path, text)) == [expected]
 
 
+def test_rule_that_later_ones_cover_together_names_them(tmp_path: Path) -> None:
+    first = "[[faults.rule]]\nfrom = 1\nduring = [1, 3]\nloss = 0.5\n"
+    second = "[[faults.rule]]\nfrom = [1, 2]\nduring = [1, {end}]\nloss = 0.1\n"
+    third = "[[faults.rule]]\nduring = [2, 3]\nloss = 0.2\n"
+    assert problems(lossy(tmp_path, first + second.format(end=2) + third)) == [
+        "faults.rule.1.loss: never acts, as faults.rule.2.loss, faults.rule.3.loss come later, together for at least"
+        " the same links and times"
+    ]
+    assert load(lossy(tmp_path, first + second.format(end=1.9) + third)).notes == ()
+
+
 @pytest.mark.parametrize(
     "later",
     ["from = 1\nloss = 0.2", "during = [0, 24]\nloss = 0.2", "noise = 1"],
