@@ -1,6 +1,7 @@
 """What all tests have in common."""
 
 import gc
+import signal
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -8,6 +9,7 @@ import pytest
 
 import agentd  # noqa: F401 - one thread for the linear algebra, as in every run, whatever else is imported first
 
+signal.signal(signal.SIGINT, signal.default_int_handler)  # in the background it may be ignored, in all children too
 HERE = Path(__file__).parent
 # Tests of processes in real time. Where the machine is held up for a second, and what they show is not so, they get a
 # second try. All others have to pass at once. Those of a whole fleet run one by one (`make test`).
