@@ -189,12 +189,12 @@ def _check_overruled(rules: Sequence[_Rule], problems: Problems) -> None:
         for name in each.rule.faults:
             later = [other for other in rules[place + 1 :] if name in other.rule.faults and other.meets(each)]
             if each.links and each.covered(later):
-                alone = [other for other in later if each.covered([other])]
-                winners = listed(f"{other.key}.{name}" for other in alone[:1] or later)
-                come = "comes later," if len(alone[:1] or later) == 1 else "come later, together"
+                winners = [other for other in later if each.covered([other])][:1] or later
+                come = "comes later," if len(winners) == 1 else "come later, together"
                 problems.add(
                     f"{each.key}.{name}",
-                    f"never acts, as {winners} {come} for at least the same links and times",
+                    f"never acts, as {listed(f'{other.key}.{name}' for other in winners)} {come}"
+                    " for at least the same links and times",
                 )
 
 

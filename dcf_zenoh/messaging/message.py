@@ -189,7 +189,7 @@ def decode(data: bytes) -> Message:
         version, sender, incarnation, sequence, step, round, sent, stop_at, settled_hops, promise,
         last, residuals, position, payload,
     ) = fields  # fmt: skip
-    if not (  # spelled out: a loop over a table takes twice as long
+    if not (  # spelled out: a loop over a table takes longer
         type(version) is int and version == VERSION
         and type(sender) is int and sender >= 0
         and type(incarnation) is int and incarnation >= 0

@@ -16,7 +16,7 @@ from dcf_zenoh.config import load
 from dcf_zenoh.errors import ConfigurationError, PlantError
 from dcf_zenoh.plant import Check, State
 from plants.crazyflie_hardware import CrazyflieHardware
-from tests.emulated import Emulated, Relay, drive
+from tests.emulated import Emulated, Relay, drive, until
 
 URI = "radio://0/80/2M/E7E7E7E701"
 
@@ -190,10 +190,7 @@ def test_giving_up_while_it_connects_leaves_nothing_behind() -> None:
         next(iter(phase))
         phase.close()  # type: ignore[attr-defined]
         plant.close()
-        deadline = time.monotonic() + 10
-        while threading.active_count() > before and time.monotonic() < deadline:
-            time.sleep(0.05)  # between two looks
-    assert threading.active_count() <= before
+        until(lambda: threading.active_count() <= before, "its threads have ended", 10)
 
 
 def test_a_sound_drone_passes(drone: Emulated, cache: Path) -> None:
