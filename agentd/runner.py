@@ -79,11 +79,12 @@ def run_wall(
 
     def hear(request: Wait) -> None:
         """Wait for messages, at most until the request's time; nobody waits for the dead."""
-        deadline = clock.deadline(request.until)
-        for j in request.senders:
-            while not mailbox.knows(j, request.step, request.round) and j not in mailbox.lost:
+        until, senders, step, round = request
+        deadline = clock.deadline(until)
+        for j in senders:
+            while not mailbox.knows(j, step, round) and j not in mailbox.lost:
                 if not feed.wait(j, deadline) and time.monotonic() >= deadline:
-                    for each in request.senders:
+                    for each in senders:
                         feed.drain(each)
                     mailbox.skip_gaps()
                     return

@@ -2,9 +2,10 @@
 
 N processes on the complete graph; in every round each publishes 30 float64 and waits for the others'. The stack is
 what a daemon runs: exchange, mailbox, codec, network, on the wall clock; there is no algorithm. The bare loop is what
-one would write by hand with Zenoh's defaults: a subscriber with a callback per neighbour, a queue, `put`. The two are
-run in turn, many times; only the ratios mean anything. Of these the ratio of processor time is the steadier one on a
-machine that does other work.
+one would write by hand with Zenoh's defaults: a subscriber with a callback per neighbour, a queue, `put`. They are run
+in turn, many times, each turn in an order of its own; only the ratios mean anything: the median, with its 95 %
+confidence interval. Where the interval holds 1 a difference could not be measured. Of the ratios that of processor time
+is the steadier one on a machine that does other work.
 
     python benchmarks/rounds.py [--pairs 8] [--seconds 1.5] [--sizes 2 4 8] [--against TREE]
 
@@ -16,7 +17,9 @@ With ``--against`` the stack of another working tree of this project takes its t
 
 import argparse
 import io
+import itertools
 import json
+import math
 import os
 import random
 import socket
@@ -171,8 +174,8 @@ class Speed(NamedTuple):
     processor: float
 
 
-def measure(kind: str, count: int, seconds: float, tree: Path = TREE) -> Speed:
-    """One run in fresh processes, by the code in a working tree."""
+def measure(kind: str, tree: Path, count: int, seconds: float) -> Speed:
+    """One run of the bare loop or of the stack in fresh processes, by the code in a working tree."""
     ports = free_ports(count)
     command = [sys.executable, str(tree / SCRIPT), "--seconds", str(seconds), "--ports", *map(str, ports)]
     children = [
@@ -197,14 +200,23 @@ def measure(kind: str, count: int, seconds: float, tree: Path = TREE) -> Speed:
 
 
 def compare(name: str, ours: list[Speed], theirs: list[Speed]) -> str:
-    """Medians and range of the ratios of runs taken in turn, and the medians themselves."""
+    """Medians of the ratios of runs taken in turn, with confidence intervals, and the medians themselves."""
     text = name
     for k, what in enumerate(("rounds/s", "processor time per round, µs")):
         ratios = [mine[k] / other[k] for mine, other in zip(ours, theirs, strict=True)]
         mine, other = (statistics.median(speed[k] for speed in side) for side in (ours, theirs))
-        spread = f"{statistics.median(ratios):.2f} [{min(ratios):.2f} .. {max(ratios):.2f}]"
+        low, high = confidence(ratios)
+        spread = f"{statistics.median(ratios):.2f} [{low:.2f} .. {high:.2f}]"
         text += f"{';' if k else ':'} {what} {spread} {mine:.0f} / {other:.0f}"
     return text
+
+
+def confidence(values: list[float]) -> tuple[float, float]:
+    """95 % confidence interval of the median, by the sign test; the range of fewer than six values, which is less."""
+    count, ordered = len(values), sorted(values)
+    tails = itertools.accumulate(math.comb(count, k) / 2**count for k in range(count // 2))
+    outside = max(0, sum(2 * tail <= 0.05 for tail in tails) - 1)  # values beyond either end
+    return ordered[outside], ordered[-1 - outside]
 
 
 def _line(child: "subprocess.Popen[str]") -> str:
@@ -236,15 +248,16 @@ def main() -> None:
         kind, agent = options.worker
         {"bare": bare, "stack": stack}[kind](int(agent), options.ports, options.seconds)
         return
+    sides = {"bare": ("bare", TREE), "stack": ("stack", TREE)}
+    if options.against:
+        sides["against"] = ("stack", options.against)
     print(f"{VALUES} float64, complete graph, {options.pairs} runs of each in turn, {options.seconds:g} s; medians")
     for count in options.sizes:
         print(f"  N = {count} (floor of rounds/s, stack / bare: {FLOORS.get(count, 0.6)})")
         runs: defaultdict[str, list[Speed]] = defaultdict(list)
         for _ in range(options.pairs):
-            runs["bare"].append(measure("bare", count, options.seconds))
-            runs["stack"].append(measure("stack", count, options.seconds))
-            if options.against:
-                runs["against"].append(measure("stack", count, options.seconds, options.against))
+            for side in random.sample(list(sides), len(sides)):
+                runs[side].append(measure(*sides[side], count, options.seconds))
         print(compare("    stack / bare", runs["stack"], runs["bare"]))
         if options.against:
             print(compare(f"    stack / that of {options.against}", runs["stack"], runs["against"]))
