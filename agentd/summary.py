@@ -56,6 +56,9 @@ def _rows(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
     ]
     if summary["messages"]["lost"]:
         rows.append(("messages lost", _losses(summary["lost_by"])))
+    if summary["unmet"]:
+        found = (f"{what} ({count} {'link' if count == 1 else 'links'})" for what, count in summary["unmet"].items())
+        rows.append(("faults without effect", "; ".join(found)))
     if summary["alarms"]:
         rows.append(("safety alarms", ", ".join(f"{count} {rule}" for rule, count in summary["alarms"].items())))
     if notes := {what: count for what, count in summary["notes"].items() if count}:

@@ -113,7 +113,7 @@ class Agent:
         reason = last.name.lower()
         now = yield from self._flight.land(now, reason)
         remark = str(self._why_landed or self._holding)
-        self._recorder.end(reason, now, state, remark, self._exchange.counts)
+        self._recorder.end(reason, now, state, remark, self._exchange.counts, self._exchange.unmet)
         return Ending(last, self._why_landed)
 
     def _last_state(self, now: int) -> State:
@@ -158,7 +158,7 @@ class Agent:
         except PlantError as another:
             problem = another
             remark += f"; then {another}"
-        self._recorder.end(reason, -1, State(), remark, self._exchange.counts)
+        self._recorder.end(reason, -1, State(), remark, self._exchange.counts, self._exchange.unmet)
         return problem
 
     def _step(self, step: int) -> Loop[Last | None]:

@@ -41,7 +41,8 @@ class AgentLog:
         rounds_log: Per step the records of its rounds (`RoundRecord` as a list); empty without ``log.rounds``.
         remarks: K remarks.
         events: What happened at some instant: 'event', 'time' (ns), and more.
-        end: How it ended: 'end' (reason), 'time' (ns), 'state', 'counts', 'remark'; None if the log was cut off.
+        end: How it ended: 'end' (reason), 'time' (ns), 'state', 'counts', 'remark', and 'unmet', what faults of the
+            links to it were to act on and no message had; None if the log was cut off.
     """
 
     agent: int

@@ -276,6 +276,11 @@ class Exchange:
             "refused": self._mailbox.refused,
         }
 
+    @property
+    def unmet(self) -> list[tuple[int, str, str]]:
+        """Faults of links that were to act on what no message had: neighbour, name, what that was."""
+        return self._reception.unmet
+
     def departed(self, last: Last) -> bool:
         """Whether a neighbour has said goodbye with `last`, as far as the model knows."""
         return last in self._reception.departed.values()

@@ -172,6 +172,11 @@ class Reception:
         """Neighbour -> what came from it in this step."""
         return {j: ear.count for j, ear in self._ears.items()}
 
+    @property
+    def unmet(self) -> list[tuple[int, str, str]]:
+        """Neighbour, fault and what that was to act on and no message over this link had."""
+        return [(j, *each) for j, link in self._faults.items() for each in link.unmet]
+
     def cut_short(self, step: int) -> tuple[dict[int, LinkCount], list[Note]]:
         """What had come in `step` when it broke off; nothing if it had not begun to listen."""
         return (self.links, self.passed) if step == self._step else ({}, [])

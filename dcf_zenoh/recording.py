@@ -24,7 +24,7 @@ from dcf_zenoh.exchange import Outcome
 from dcf_zenoh.plant import Setpoint, State
 from dcf_zenoh.reception import LinkCount, Note
 
-SCHEMA = 2
+SCHEMA = 3
 _NONE: Mapping[int, LinkCount] = MappingProxyType({})
 
 
@@ -180,11 +180,24 @@ class Recorder:
         self._write({"event": what, "time": now, **about})
 
     def end(
-        self, reason: str, now: int, state: State, remark: str = "", counts: Mapping[str, int] | None = None
+        self,
+        reason: str,
+        now: int,
+        state: State,
+        remark: str = "",
+        counts: Mapping[str, int] | None = None,
+        unmet: Sequence[tuple[int, str, str]] = (),
     ) -> None:
-        """Append the end: its reason, the fleet time in ns and the last state."""
+        """Append the end: its reason, the fleet time in ns, the last state, and what `Exchange` has counted."""
         self._write(
-            {"end": reason, "time": now, "state": state.vector.tolist(), "remark": remark, "counts": dict(counts or {})}
+            {
+                "end": reason,
+                "time": now,
+                "state": state.vector.tolist(),
+                "remark": remark,
+                "counts": dict(counts or {}),
+                "unmet": unmet,
+            }
         )
 
     def _write(self, item: object) -> None:

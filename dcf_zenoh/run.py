@@ -207,6 +207,7 @@ class Run:
         )
         never_came = sum(log.end["counts"].get("lost", 0) for log in logs if log.end)
         lost_by = Counter(each.lost_by for log in logs for each in log.passed if each.lost_by)
+        unmet = Counter(f"{fault}: {what}" for log in logs if log.end for _, fault, what in log.end["unmet"])
         notes: Counter[str] = Counter()
         for each in (each for log in logs for each in log.notes):
             notes.update(each)
@@ -240,6 +241,7 @@ class Run:
             "landed": {str(i): log.landed for i, log in self.agents.items() if log.landed},
             "alarms": dict(sorted(alarms.items())),
             "lost_by": {"faults": dict(sorted(lost_by.items())), "network": never_came},
+            "unmet": dict(sorted(unmet.items())),
             "notes": dict(sorted(notes.items())),
             "digest": self.digest,
         }

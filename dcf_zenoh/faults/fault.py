@@ -54,3 +54,8 @@ class Fault(ABC):
             delivery: The message, as the fault before in the chain leaves it.
             rng: Random numbers of this message, link and fault alone. Whatever else happened, they are the same.
         """
+
+    @property
+    def unmet(self) -> str:
+        """What this was to act on and no message had, in words; empty if there is nothing to say."""
+        return ""

@@ -105,6 +105,16 @@ class Link:
                 (begin, end), fault = layer.entries[place]
                 layer.entries[place] = (begin, min(end, instant)), fault
 
+    @property
+    def unmet(self) -> list[tuple[str, str]]:
+        """Faults that were to act on what no message had, by their names, and what that was."""
+        return [
+            (layer.name, fault.unmet)
+            for layer in self._chain
+            for _, fault in layer.entries
+            if fault is not None and fault.unmet
+        ]
+
     def convey(self, delivery: Delivery) -> Passage:
         """Lead one message through the chain. Messages come in the order in which they were sent.
 

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from dcf_zenoh.faults.fault import Fault
 from dcf_zenoh.messaging.delivery import Delivery
 from dcf_zenoh.messaging.message import Payload, Value
 
@@ -18,17 +19,45 @@ def with_payload(delivery: Delivery, payload: Payload) -> Delivery:
     return delivery._replace(message=delivery.message._replace(payload=MappingProxyType(payload)))
 
 
-def changed(payload: Payload, names: tuple[str, ...], change: Change) -> Payload:
-    """A payload whose real numbers went through `change`; integers and booleans are as they were.
+class PayloadFault(Fault):
+    """A fault that changes the real numbers of a payload, or of some of its entries.
 
     Args:
-        payload: It stays what it is.
-        names: What is changed of it, as far as it is there; empty: everything.
-        change: Gets an array of any shape, of float64 or float32, and returns a new one of that shape. A number goes
-            through it as an array of shape (). Overflow is not warned of.
+        names: Of the entries that are changed; empty: all.
     """
-    with np.errstate(all="ignore"):
-        return {name: _value(value, change) if not names or name in names else value for name, value in payload.items()}
+
+    LOSES = False
+
+    def __init__(self, names: tuple[str, ...]) -> None:
+        self._names = names
+        self._missed = dict.fromkeys(names)  # what no payload has had so far
+        self._met: set[str] = set()  # what they have had, as long as something is missed
+
+    def _concerns(self, name: str) -> bool:
+        return not self._names or name in self._names
+
+    def _changed(self, payload: Payload, change: Change) -> Payload:
+        """A payload whose real numbers went through `change`; integers and booleans are as they were.
+
+        Args:
+            payload: It stays what it is.
+            change: Gets an array of any shape, of float64 or float32, and returns a new one of that shape. A number
+                goes through it as an array of shape (). Overflow is not warned of.
+        """
+        if self._missed:
+            self._met.update(payload)
+            self._missed = {name: None for name in self._missed if name not in payload}
+        with np.errstate(all="ignore"):
+            return {name: _value(value, change) if self._concerns(name) else value for name, value in payload.items()}
+
+    @property
+    def unmet(self) -> str:
+        """Names that no payload has had, such as a misspelt one, and those that there were."""
+        if not (self._missed and self._met):
+            return ""
+        return (
+            f"no payload had {', '.join(map(repr, self._missed))}; there were {', '.join(map(repr, sorted(self._met)))}"
+        )
 
 
 def _value(value: Value, change: Change) -> Value:

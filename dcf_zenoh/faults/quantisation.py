@@ -4,13 +4,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dcf_zenoh.faults.fault import Fault, Stage
+from dcf_zenoh.faults.fault import Stage
 from dcf_zenoh.faults.limits import positive
-from dcf_zenoh.faults.payload import changed, with_payload
+from dcf_zenoh.faults.payload import PayloadFault, with_payload
 from dcf_zenoh.messaging.delivery import Delivery
 
 
-class Quantisation(Fault):
+class Quantisation(PayloadFault):
     """Every real number of a payload becomes the nearest multiple of a step, so it errs by half a step at most.
 
     Zero is a multiple (a mid-tread quantiser); a number halfway between two goes to the even one. Messages become
@@ -27,15 +27,12 @@ class Quantisation(Fault):
     """
 
     STAGE = Stage.PAYLOAD
-    LOSES = False
 
     def __init__(self, *, step: float, names: tuple[str, ...] = ()) -> None:
+        super().__init__(names)
         self._step = positive("step", step)
-        self._names = names
 
     def apply(self, delivery: Delivery, rng: np.random.Generator) -> Sequence[Delivery]:  # noqa: ARG002
         """Round a copy of the payload."""
-        payload = changed(
-            delivery.message.payload, self._names, lambda array: np.round(array / self._step) * self._step
-        )
+        payload = self._changed(delivery.message.payload, lambda array: np.round(array / self._step) * self._step)
         return (with_payload(delivery, payload),)

@@ -4,14 +4,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dcf_zenoh.faults.fault import Fault, Stage
+from dcf_zenoh.faults.fault import Stage
 from dcf_zenoh.faults.limits import finite
-from dcf_zenoh.faults.payload import changed, with_payload
+from dcf_zenoh.faults.payload import PayloadFault, with_payload
 from dcf_zenoh.messaging.delivery import Delivery
 from dcf_zenoh.messaging.message import Payload
 
 
-class Tampering(Fault):
+class Tampering(PayloadFault):
     """The sender says the same wrong thing to all: ``scale * value + offset``, or what it said first.
 
     A fault of a sender must be on all links that lead away from it, as a rule with ``from`` alone puts it. Scale and
@@ -29,15 +29,14 @@ class Tampering(Fault):
     """
 
     STAGE = Stage.SENDER
-    LOSES = False
 
     def __init__(
         self, *, scale: float = 1.0, offset: float = 0.0, freeze: bool = False, names: tuple[str, ...] = ()
     ) -> None:
+        super().__init__(names)
         self._scale = finite("scale", scale)
         self._offset = finite("offset", offset)
         self._freeze = freeze
-        self._names = names
         self._first: dict[frozenset[str], Payload] = {}
 
     def apply(self, delivery: Delivery, rng: np.random.Generator) -> Sequence[Delivery]:  # noqa: ARG002
@@ -45,9 +44,6 @@ class Tampering(Fault):
         payload = delivery.message.payload
         if self._freeze:
             first = self._first.setdefault(frozenset(payload), payload)
-            payload = {
-                name: first[name] if not self._names or name in self._names else value
-                for name, value in payload.items()
-            }
-        payload = changed(payload, self._names, lambda array: self._scale * array + self._offset)
+            payload = {name: first[name] if self._concerns(name) else value for name, value in payload.items()}
+        payload = self._changed(payload, lambda array: self._scale * array + self._offset)
         return (with_payload(delivery, payload),)

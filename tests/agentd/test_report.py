@@ -371,7 +371,28 @@ def test_the_summary_tells_losses_by_cause_and_what_controllers_noted(lossy_run:
     assert "2 sign_disagreements" in show(noted)
 
 
+def test_the_summary_tells_of_faults_whose_names_no_payload_had(tmp_path: Path) -> None:
+    faults = """
+[faults]
+noise = { std = 0.001, names = ["lamda", "lam"] }
+[[faults.rule]]
+from = [1]
+to = [2]
+noise = { std = 0.001, names = ["lamb"] }
+"""
+    run = named(tmp_path, faults, "time.duration=0.4")
+    met = "there were 'c', 'ids', 'lam', 's', 'states'"
+    told = {f"noise: no payload had 'lamb'; {met}": 1, f"noise: no payload had 'lamda'; {met}": 11}
+    assert run.summary()["unmet"] == told
+    text = " ".join(show(run).split())
+    assert "faults without effect" in text
+    assert f"'lamda'; {met} (11 links)" in text
+    assert f"'lamb'; {met} (1 link)" in text
+
+
 def test_the_summary_of_a_run_without_losses_says_nothing_of_their_causes(swap: Run) -> None:
+    assert swap.summary()["unmet"] == {}
+    assert "faults without effect" not in show(swap)
     assert swap.summary()["lost_by"] == {"faults": {}, "network": 0}
     assert "messages lost" not in show(swap)
     assert "controllers noted" not in show(swap)
