@@ -157,8 +157,9 @@ def fault(options: Namespace) -> int:
       agentd fault RUN show                    what acts on each link, and where it comes from
       agentd fault RUN export                  what was changed, as rules for a fleet file, also after the run
 
-    Each change is in the log of the agents that it is for, with the time from which it acts. The exit code is 1 if
-    an agent does not answer or refuses.
+    A fault of one's own can be used if the fleet file names it: a fleet loads no other code while it runs. Each change
+    is in the log of the agents that it is for, with the time from which it acts. The exit code is 1 if an agent does
+    not answer or refuses.
     """
     from agentd.fault import fault as change_fault  # noqa: PLC0415 - Zenoh is for those who need it
 
@@ -328,11 +329,12 @@ def why(options: Namespace) -> int:
     with which residual. Then the last of these steps is computed once more from the recorded states, without any
     fault and with as many rounds as it takes, and what would have come of it is printed beside what did.
     """
+    from agentd.schedule import changes_of  # noqa: PLC0415
     from agentd.why import why_lines  # noqa: PLC0415
     from dcf_zenoh.explanation import explain  # noqa: PLC0415
 
     found = read_run(options.run)
-    for line in why_lines(found, explain(found)):
+    for line in why_lines(found, explain(found, changes_of(found))):
         print(line, file=options.output)
     return 0
 

@@ -90,7 +90,7 @@ def _look(run: Whereabouts, rule: FaultRule, what: str) -> int:
 def _export(run: Whereabouts, found: Iterable[Stretch]) -> None:
     """Print what was changed as rules; what was not ended lasts as long as the run may."""
     spec = run.fleet.spec
-    tables = rules(sorted(found, key=lambda each: (each.begin, each.receiver)), spec.steps * spec.time.sample_time)
+    tables = rules(found, spec.steps * spec.time.sample_time)
     print(to_toml(tables) if tables else "# nothing was changed", end="" if tables else "\n")
     for line in check_rules(run.fleet, tables) if tables else ():
         _say(f"note: with these rules at the end of the fleet file: {line}")

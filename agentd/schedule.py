@@ -5,9 +5,10 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
-from agentd.control import Change, Done
+from agentd.control import Change, Done, changes_in
 from dcf_zenoh.configuration.fault_links import window_of
-from dcf_zenoh.spec import FleetSpec, Switch
+from dcf_zenoh.run import Run
+from dcf_zenoh.spec import FaultRule, FleetSpec, Switch
 
 
 class Stretch(NamedTuple):
@@ -59,12 +60,23 @@ def stretches(receiver: int, changes: Sequence[Done]) -> list[Stretch]:
 def rules(found: Iterable[Stretch], length: float) -> list[dict[str, Any]]:
     """What was changed, as rules for the end of the fleet file; what did not act within `length`, in s, is left out."""
     tables = []
-    for stretch in found:
+    for stretch in sorted(found, key=lambda each: (each.begin, each.receiver)):
         begin, end = _seconds(stretch.begin), length if stretch.end is None else _seconds(stretch.end)
         if begin < min(end, length):
             ends = {"from": _short(stretch.senders), "to": stretch.receiver, "during": [begin, end]}
             tables.append({**ends, stretch.name: stretch.fault and plain(stretch.name, stretch.fault)})
     return tables
+
+
+def changes_of(run: Run) -> list[FaultRule]:
+    """What was changed while a run lasted, as its logs tell, as rules that go over those of its fleet file."""
+    found = [each for j, log in run.agents.items() for each in stretches(j, changes_in(log))]
+    return [
+        FaultRule.model_validate(
+            {name: {"kind": name, **each} if isinstance(each, dict) else each for name, each in table.items()}
+        )
+        for table in rules(found, run.fleet.steps * run.fleet.time.sample_time)
+    ]
 
 
 def to_toml(tables: Iterable[Mapping[str, Any]]) -> str:

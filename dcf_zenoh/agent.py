@@ -266,7 +266,8 @@ class Agent:
     def _lie_dead(self, crash: Crashed, step: int) -> Loop[int]:
         """Do nothing until the restart: the body comes to rest. The step from which this agent takes part again."""
         back = self._fate.back_at(crash.at)
-        again = min(self._fleet.steps, max(step + 1, -(-back // self._sample_time)))
+        first = step if crash.at < step * self._sample_time else step + 1  # it may have died before the step began
+        again = min(self._fleet.steps, max(first, -(-back // self._sample_time)))
         if self._fate.announces:
             yield self._exchange.away(again, crash.at, again * self._sample_time)
         self._recorder.event("crashed", crash.at, step=step)
@@ -275,8 +276,9 @@ class Agent:
         setpoint = Setpoint.hold(state)
         with blaming(PlantError, f"agent {self._me.id}: step {step}: act"):
             self._plant.act(setpoint, crash.at)
-        heard = self._exchange.cut_short(step)
-        self._recorder.step(StepRecord.abstained(step, crash.at, state, setpoint, str(crash), *heard))
+        if again > step:
+            heard = self._exchange.cut_short(step)
+            self._recorder.step(StepRecord.abstained(step, crash.at, state, setpoint, str(crash), *heard))
         for missed in range(step + 1, again):
             now = yield Wait(missed * self._sample_time)
             with blaming(PlantError, f"agent {self._me.id}: step {missed}: sense"):

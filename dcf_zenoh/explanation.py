@@ -1,7 +1,7 @@
 """Why two agents came as close as they did: what the links did before, and what would have happened without it."""
 
 from collections import Counter, deque
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations, pairwise
 from pathlib import Path
@@ -19,7 +19,7 @@ from dcf_zenoh.plant import Array
 from dcf_zenoh.plugins import load
 from dcf_zenoh.replay import Replay, replay
 from dcf_zenoh.run import Run
-from dcf_zenoh.spec import Switch, nanoseconds
+from dcf_zenoh.spec import FaultRule, Switch, nanoseconds
 
 WINDOW = 2  # steps before the closest approach that are looked at
 _FURTHER = (4, 8)  # so many steps before, where the agents meet all the same
@@ -169,12 +169,16 @@ class Explanation:
         return any(link.latency for each in self.before for link in each.links)
 
 
-def explain(run: Run) -> Explanation:
+def explain(run: Run, changes: Iterable[FaultRule] = ()) -> Explanation:
     """Look at the closest approach of `run`, at what the links did before, and at what would have come without it.
 
     The state at step k is the work of the setpoints of step k - 1 and of those before. So these steps are looked at,
     and computed again without faults: step k - 1 alone, and all from k - 2 on. If the agents are in each other's safety
     regions even then, the replay begins earlier.
+
+    Args:
+        run: It may be under way.
+        changes: Rules that were made while it ran, in that order; they go over those of its fleet file.
 
     Raises:
         RecordingError: Nothing moves in the run, or there are no two agents in it, or no step that all have recorded.
@@ -198,7 +202,7 @@ def explain(run: Run) -> Explanation:
         value=float(values[step, place]),
         path=path,
         before=before,
-        falsified=_falsified(run, graph, [each.step for each in before]),
+        falsified=_falsified(run, graph, [*run.fleet.faults.rules, *changes], [each.step for each in before]),
         alternatives=(),
     )
     alternatives: list[Alternative] = []
@@ -210,19 +214,25 @@ def explain(run: Run) -> Explanation:
     return replace(found, alternatives=tuple(alternatives))
 
 
-def _falsified(run: Run, graph: Graph, steps: Iterable[int]) -> dict[str, int]:
-    """Faults of the fleet file that change payloads, or may: name -> number of links on which one acts."""
-    instants = [nanoseconds(run.fleet.time.sample_time) * step for step in steps]
+def _falsified(run: Run, graph: Graph, rules: Sequence[FaultRule], steps: Iterable[int]) -> dict[str, int]:
+    """Faults that change payloads, or may: name -> number of links on which one acts at some time in the steps."""
+    length = nanoseconds(run.fleet.time.sample_time)
+    begins = [window_of(rule)[0] for rule in rules]
+    instants = [
+        instant
+        for begin in (step * length for step in steps)
+        for instant in {begin, *(each for each in begins if begin < each < begin + length)}  # where something changes
+    ]
     found: Counter[str] = Counter()
     for receiver in graph.agents:
         for sender in graph.in_neighbours(receiver):
+            own = [(rule.faults, *window_of(rule)) for rule in rules if rule.covers(sender, receiver)]
             names = set()
             for instant in instants:
                 acting: dict[str, Switch] = {}
-                for rule in run.fleet.faults.rules:
-                    begin, end = window_of(rule)
-                    if rule.covers(sender, receiver) and begin <= instant < end:
-                        acting.update(rule.faults)
+                for faults, begin, end in own:
+                    if begin <= instant < end:
+                        acting.update(faults)
                 names |= {name for name, fault in acting.items() if fault and _falsifies(fault.kind, run.home)}
             found.update(names)
     return dict(sorted(found.items()))

@@ -200,10 +200,13 @@ class Reception:
         if not passage.deliveries:
             ear.count.lost += 1
             self._note(delivery, -1, passage.lost_by)
-        for each in passage.deliveries:
-            due = max(each.due, delivery.due)
-            ear.waiting.append(each if due == each.due else each._replace(due=due))
-            self._note(delivery, due)
+            return
+        arrivals = [
+            each if each.due >= delivery.due else each._replace(due=delivery.due) for each in passage.deliveries
+        ]
+        for each in arrivals:
+            self._note(delivery, each.due)
+        ear.waiting.append(arrivals[0] if len(arrivals) == 1 else min(arrivals, key=_due))  # copies say nothing new
 
     def _note(self, delivery: Delivery, due: int, lost_by: str = "") -> None:
         message = delivery.message
@@ -300,6 +303,10 @@ class Reception:
             if ear.first_seen == round:
                 news.append(j)
         return Inbox(own, payloads, stop=stop, ages=ages, news=news, missing=tuple(missing))
+
+
+def _due(delivery: Delivery) -> int:
+    return delivery.due
 
 
 def _alike(names: Set[str], payload: Payload) -> bool:

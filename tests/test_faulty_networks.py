@@ -8,6 +8,8 @@ from typing import Any
 import pytest
 
 import dcf_zenoh
+from dcf_zenoh.explanation import explain
+from dcf_zenoh.link_health import link_health
 from dcf_zenoh.run import Run
 from tests.test_reproducibility import both_cores_busy, launch
 
@@ -102,6 +104,43 @@ def test_an_agent_that_crashed_and_came_back_reaches_its_target() -> None:
         said = " ".join(run.agents[j].remarks)
         assert "neighbour 1 is lost (nothing heard for 0." in said
         assert "neighbour 1 is back" in said
+
+
+@pytest.mark.parametrize("fleet", ["position_swap_lossy", "position_swap_async"])
+@pytest.mark.parametrize(
+    ("at", "restart_after", "absent"),
+    [
+        (0.0, 0.05, [0]),  # at the beginning of step 0
+        (0.05, 0.1, [0]),  # within step 0, back before step 1 begins
+        (0.78, 0.01, []),  # step 3 is done; back before step 4 begins, at 0.8 s
+        (0.78, 0.02, []),
+        (0.78, 0.03, [4]),
+        (0.78, 0.22, [4]),
+    ],
+)
+def test_a_crashed_agent_misses_the_steps_that_begin_before_it_is_back(
+    fleet: str, at: float, restart_after: float, absent: list[int]
+) -> None:
+    changes = [f"agents.1.faults.crash={{at={at},restart_after={restart_after}}}", "time.duration=1.6"]
+    run = dcf_zenoh.simulate(fleet, changes=changes)
+    log = run.agents[1]
+    assert log.step.tolist() == list(range(8))
+    assert [k for k, how in enumerate(log.stopped_by) if how == "abstained"] == absent
+    (back,) = (event["step"] for event in log.events if event["event"] == "restarted")
+    assert back == (absent[-1] + 1 if absent else 4)
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.0007, 0.05])
+def test_copies_change_nothing_and_are_neither_delivered_nor_late(delay: float) -> None:
+    changes = ["time.duration=1.0", "exchange.max_rounds=20"]
+    alone = dcf_zenoh.simulate("position_swap", changes=changes)
+    run = dcf_zenoh.simulate(
+        "position_swap", changes=[*changes, f"faults.duplication={{probability=1.0,delay={delay}}}"]
+    )
+    assert run.digest == alone.digest
+    assert run.summary()["messages"] == alone.summary()["messages"]
+    assert sum(each.duplicates for each in link_health(run)) == sum(each.sent for each in link_health(alone)) > 0
+    assert not explain(run).disturbed
 
 
 def test_a_neighbour_that_stays_dead_is_an_obstacle_where_it_was() -> None:

@@ -1,6 +1,6 @@
 """Faults that are changed while a fleet runs: what a rule of a fleet file must satisfy, and a little more."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -42,6 +42,9 @@ def check_change(fleet: LoadedFleet, senders: Ids, receivers: Ids, name: str, fa
     if name in RULE_KEYS:
         kinds = sorted(known("faults"))
         raise ConfigurationError(f"unknown fault {name!r}{nearest(name, kinds)} known faults: {listed(kinds)}")
+    kind = fault.get("kind") if isinstance(fault, Mapping) else None
+    if isinstance(kind, str) and ":" in kind and (found := _foreign(fleet.spec, name, kind)):
+        raise ConfigurationError(found)  # it is not even looked at
     number = len(fleet.spec.faults.rule) + 1
     draft = read(fleet.source)
     path = ("faults", "rule", str(number))
@@ -77,6 +80,17 @@ def check_rules(fleet: LoadedFleet, rules: Iterable[dict[str, Any]]) -> list[str
     return draft.problems.lines
 
 
+def _foreign(spec: FleetSpec, name: str, kind: str) -> list[str]:
+    """Why a kind cannot be loaded by a fleet that runs, in one line; nothing if it can."""
+    own = {each.kind for rule in spec.faults.rules for each in rule.faults.values() if each}
+    if kind in own | known("faults").keys():
+        return []
+    return [
+        f"{name}.kind: expected a kind that is installed or that the fleet file names, not {kind!r}:"
+        " a fleet loads no other code while it runs"
+    ]
+
+
 def refusals(spec: FleetSpec, folder: Path, name: str, fault: Switch) -> list[str]:
     """Why a fault cannot begin to act on a fleet that runs, though a fleet file might have it: one line each.
 
@@ -94,12 +108,8 @@ def refusals(spec: FleetSpec, folder: Path, name: str, fault: Switch) -> list[st
     problems = Problems()
     if not fault:
         return []
-    own = {each.kind for rule in spec.faults.rules for each in rule.faults.values() if each}
-    if fault.kind not in own | known("faults").keys():
-        return [
-            f"{name}.kind: expected a kind that is installed or that the fleet file names, not {fault.kind!r}:"
-            " a fleet loads no other code while it runs"
-        ]
+    if found := _foreign(spec, name, fault.kind):
+        return found
     plugin = load("faults", fault.kind, folder)
     if getattr(plugin, "LOSES", True):
         check_timeout(spec, problems, [name])

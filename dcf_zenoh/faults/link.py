@@ -123,10 +123,7 @@ class Link:
         """
         deliveries: tuple[Delivery, ...] = (delivery,)
         self._counter[1], self._counter[3] = delivery.message.sequence, delivery.message.incarnation
-        for layer in self._chain:
-            fault = layer.acting(delivery.entered)
-            if fault is None:
-                continue
+        for layer, fault in self._acting(delivery.entered):
             self._counter[2] = layer.place
             self._philox.state = self._state  # the random numbers of this message and place in the chain
             if len(deliveries) == 1:
@@ -154,9 +151,14 @@ class Link:
         return found
 
     def _order(self) -> None:
-        """Sort the chain by the stages of its faults."""
+        """Sort the chain by stages, and within a stage by names; that is final if every name has one stage only."""
+        stages = {name: {fault.STAGE for _, fault in each.entries if fault} for name, each in self._layers.items()}
+        self._steady = all(len(each) <= 1 for each in stages.values())
+        self._chain = sorted(self._layers.values(), key=lambda layer: (min(stages[layer.name], default=0), layer.name))
 
-        def stage(layer: Layer) -> tuple[int, str]:
-            return min((fault.STAGE for _, fault in layer.entries if fault is not None), default=0), layer.name
-
-        self._chain = sorted(self._layers.values(), key=stage)
+    def _acting(self, instant: int) -> list[tuple[Layer, Fault]]:
+        """The faults for a message that enters at `instant`, in the order in which they act."""
+        found = [(layer, fault) for layer in self._chain if (fault := layer.acting(instant)) is not None]
+        if not self._steady:
+            found.sort(key=lambda each: (each[1].STAGE, each[0].name))
+        return found

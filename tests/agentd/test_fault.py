@@ -16,6 +16,7 @@ from agentd.asking import ask
 from agentd.cli import main
 from agentd.control import decode_answer
 from agentd.rundir import read_about, write_about
+from agentd.schedule import changes_of
 from agentd.whereabouts import Whereabouts
 from dcf_zenoh import Run
 from dcf_zenoh.config import freeze, load
@@ -258,6 +259,32 @@ def test_exported_rules_make_the_same_windows_in_the_fleet_file(flight: Flight) 
     assert next(rule for rule in rules if "duplication" in rule.faults).faults == {"duplication": False}
 
 
+def test_what_was_changed_is_read_from_the_logs_as_rules(flight: Flight) -> None:
+    never = 300.0
+    one, two, three = ([time * 1e-9 for time in flight.events(i)] for i in IDS)
+    found = [
+        (
+            rule.from_,
+            rule.to,
+            *map(pytest.approx, rule.during),
+            {name: fault and fault.kind for name, fault in rule.faults.items()},
+        )
+        for rule in changes_of(flight.run)
+        if rule.during
+    ]
+    assert found == sorted(
+        [
+            (1, 2, two[0], two[1], {"loss": "loss"}),
+            (2, 1, one[0], one[2], {"latency": "latency"}),
+            (2, 3, three[0], three[1], {"latency": "latency"}),
+            (3, 2, two[2], two[3], {"duplication": False}),
+            (2, 1, one[1], one[2], {"noise": "noise"}),
+            ((2, 3), 1, one[3], never, {"bursts": "bursts"}),
+        ],
+        key=lambda rule: rule[2],
+    )
+
+
 def test_agent_that_is_frozen_holds_nobody_up_and_is_named(flight: Flight) -> None:
     code, out, err = flight.said["frozen"]
     assert code == 1
@@ -287,6 +314,7 @@ BAD = {
     "partition [[1,2],[3,9]]": "partition.groups: there is no agent 9; agents are 1, 2, 3",
     "range 1.5": "range: needs the positions of the agents, which messages carry only if the fleet file has it too",
     "mine kind=./talk.py:Hover": "mine.kind: ",
+    "mine kind=./elsewhere.py:Mine": "mine.kind: expected a kind that is installed or that the fleet file names",
     "--from 9 loss 0.1": "--from: there is no agent 9; agents are 1, 2, 3",
     "--from 1 --to 1 loss 0.1": "--to: expected another agent than 1, as from; none has a link to itself",
     "--from one loss 0.1": "--from: expected ids of agents with commas, such as 1 or 1,2, not 'one'",

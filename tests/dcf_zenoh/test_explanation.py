@@ -8,6 +8,7 @@ import dcf_zenoh
 from dcf_zenoh import Run
 from dcf_zenoh.errors import RecordingError
 from dcf_zenoh.explanation import explain
+from dcf_zenoh.spec import FaultRule
 from tests.faulty_runs import named
 from tests.lossy_fleets import lossy
 
@@ -81,6 +82,23 @@ def test_an_absent_agent_is_named(tmp_path: Path) -> None:
     assert [each.agent for each in found.before[0].absent] == [2]
     assert "crashed at 1.5 s" in found.before[0].absent[0].remark
     assert found.disturbed
+
+
+def test_payload_faults_of_any_time_in_the_steps_are_told_also_such_as_came_while_it_ran(tmp_path: Path) -> None:
+    run = named(tmp_path, "")
+    last = explain(run).before[0].step * run.fleet.time.sample_time
+
+    on = {"kind": "noise", "std": 0.1}
+
+    def noise(begin: float, end: float, fault: object) -> FaultRule:
+        table = {"from": 1, "to": (2, 3), "during": (begin, end), "noise": fault}
+        return FaultRule.model_validate(table)
+
+    within, after = noise(last + 0.05, last + 0.06, on), noise(last + 0.2, last + 9.0, on)
+    assert explain(run).falsified == {}
+    assert explain(run, [within]).falsified == {"noise": 2}
+    assert explain(run, [after]).falsified == {}
+    assert explain(run, [within, noise(0.0, last + 0.1, fault=False)]).falsified == {}
 
 
 def test_a_closest_approach_at_the_start_has_no_decision_before_it(tmp_path: Path) -> None:

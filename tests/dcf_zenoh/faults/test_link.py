@@ -50,6 +50,20 @@ def drawn(
     return fault.drawn
 
 
+def test_a_name_stands_where_the_fault_stands_that_acts() -> None:
+    rounded, noisy = Quantisation(step=0.25), Noise(std=0.01)
+    layers = [Layer("noise", [(ALWAYS, noisy)]), Layer("x", [(ALWAYS, rounded), ((10, 20), Tampering(offset=0.1))])]
+    chain = Link(0, 1, 2, layers)
+    before, within, after = (chain.convey(delivery(n, entered=n)).deliveries[0] for n in (9, 10, 20))
+    for each in (before, after):
+        assert np.all(np.asarray(each.message.payload["x"]) % 0.25 == 0)
+    assert np.all(np.asarray(within.message.payload["x"]) % 0.25 != 0)
+    alone = Link(0, 1, 2, [Layer("noise", [(ALWAYS, noisy)]), Layer("x", [(ALWAYS, rounded)])])
+    assert np.array_equal(
+        alone.convey(delivery(9, entered=9)).deliveries[0].message.payload["x"], before.message.payload["x"]
+    )
+
+
 def test_a_link_without_faults_lets_everything_through() -> None:
     given = delivery()
     assert link().convey(given) == ((given,), "")
