@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from datetime import UTC, datetime
+from math import inf
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from types import FrameType
@@ -140,8 +141,13 @@ def _supervise(
         The signal that asked for the end, if one did.
     """
     began, shown = time.monotonic(), 0.0
-    give_up = float("inf")
-    while any(daemon.code is None for daemon in daemons.values()) and time.monotonic() < give_up:
+    give_up = never_to_start = inf
+
+    def over(now: float) -> bool:
+        """Whether it is time to end those who are left: without one of them a fleet does not start."""
+        return now >= give_up or (now >= never_to_start and not any(daemon.started for daemon in daemons.values()))
+
+    while any(daemon.code is None for daemon in daemons.values()) and not over(time.monotonic()):
         try:
             asking = asked.get(timeout=0.02)
             problems.add(f"the launcher got {asking.name}: the fleet was stopped")
@@ -156,6 +162,8 @@ def _supervise(
                     daemon.status = {**daemon.status, "ended": True}
                     text = f"agent {daemon.agent} {_death(daemon, now - began)}"
                     problems.add(text, effect=code == NEIGHBOUR_LOST)
+                if code < 0 and not daemon.started:  # it may have had no time to say so
+                    never_to_start = min(never_to_start, now + reaction)
                 in_flight = code != STOPPED and (code < 0 or daemon.started)
                 rest = LINGER if not code else patience if in_flight else reaction
                 give_up = min(give_up, now + rest)

@@ -149,6 +149,17 @@ def test_when_a_daemon_is_killed_the_others_hold_if_the_fleet_file_says_so(trio:
             np.testing.assert_array_equal(log.end["state"][2:], 0.0)  # and came to rest
 
 
+def test_a_fleet_that_cannot_start_any_more_ends_before_its_patience_does(trio: Path, tmp_path: Path) -> None:
+    changes = ["safety.neighbour_silent.then='continue'", "zenoh.ready_timeout=100.0"]
+    with Launch(trio, tmp_path / "run", *changes) as launch:
+        until(lambda: len(launch.daemons()) == 3, "three processes")
+        os.kill(launch.daemons()[2], signal.SIGKILL)
+        assert launch.end(30.0) == 1
+        assert re.match(
+            r"agentd: agent 2 was killed by SIGKILL \d+\.\d s after the launch, before its first step\n", launch.errors
+        )
+
+
 def test_a_killed_daemon_in_virtual_time_is_an_error_and_no_result(trio: Path, tmp_path: Path) -> None:
     before = shared_memory()
     with Launch(trio, tmp_path / "run", "time.clock='virtual'", "time.duration=1000.0") as launch:
