@@ -46,7 +46,7 @@ def why_lines(run: Run, found: Explanation) -> Iterator[str]:
         acts = [f"{name!r} acts on {count} link{'s' * (count > 1)}" for name, count in found.falsified.items()]
         yield f"Faults of payloads: {', '.join(acts)}."
     yield ""
-    yield "With a perfect network, all agents present, as many rounds as it takes, and setpoints that act as late:"
+    yield f"{_ideal(found)}, all agents present, as many rounds as it takes, and setpoints that act as late:"
     for alternative in found.alternatives:
         yield f"  {_alternative(found, alternative)}"
     yield from _remarks(found.alternatives)
@@ -135,15 +135,19 @@ def _verdict(found: Explanation) -> str:
         return _undisturbed(found, gain)
     if gain <= _ALIKE:
         return (
-            "Something was lost, late, absent or falsified in these steps, but with a perfect network the two would"
+            f"Something was lost, late, absent or falsified in these steps, but {_ideal(found, 'with')} the two would"
             f" have come as close{' or closer' * (min(values) < found.value - _ALIKE)}: it is not the cause."
         )
     if found.quantity == "distance" or found.value >= 0:
-        return f"With a perfect network the two would have stayed further apart, by up to {gain:.3f}{_unit(found)}."
+        return f"{_ideal(found)} the two would have stayed further apart, by up to {gain:.3f}{_unit(found)}."
     for each in found.alternatives:
         if each.value >= 0:
-            return f"With a perfect network from step {each.replay.first} on, the barrier would have been kept."
-    return f"With a perfect network the barrier would have been violated all the same, by {gain:.3f} less."
+            return f"{_ideal(found)} from step {each.replay.first} on, the barrier would have been kept."
+    return f"{_ideal(found)} the barrier would have been violated all the same, by {gain:.3f} less."
+
+
+def _ideal(found: Explanation, word: str = "With") -> str:
+    return f"{word} a perfect network{' and true payloads' if found.falsified else ''}"
 
 
 def _undisturbed(found: Explanation, gain: float) -> str:

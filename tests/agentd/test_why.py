@@ -59,7 +59,7 @@ def test_payloads_that_were_changed_are_a_cause(tmp_path: Path) -> None:
     run = named(tmp_path, "[faults]\nnoise = 0.3\n", "exchange.max_rounds=60", "time.duration=6.0")
     lines = text(run).splitlines()
     assert "Faults of payloads: 'noise' acts on 12 links." in lines
-    assert lines[-1].startswith("With a perfect network")
+    assert lines[-1].startswith("With a perfect network and true payloads")
 
 
 def test_what_is_missing_of_a_run_is_said(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
