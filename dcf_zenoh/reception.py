@@ -206,7 +206,7 @@ class Reception:
         ]
         for each in arrivals:
             self._note(delivery, each.due)
-        ear.waiting.append(arrivals[0] if len(arrivals) == 1 else min(arrivals, key=_due))  # copies say nothing new
+        ear.waiting.append(min(arrivals, key=lambda each: each.due))  # its copies say nothing new
 
     def _note(self, delivery: Delivery, due: int, lost_by: str = "") -> None:
         message = delivery.message
@@ -303,10 +303,6 @@ class Reception:
             if ear.first_seen == round:
                 news.append(j)
         return Inbox(own, payloads, stop=stop, ages=ages, news=news, missing=tuple(missing))
-
-
-def _due(delivery: Delivery) -> int:
-    return delivery.due
 
 
 def _alike(names: Set[str], payload: Payload) -> bool:
