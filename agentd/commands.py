@@ -286,7 +286,8 @@ def links(options: Namespace) -> int:
 
     'lost by the network' means that numbers are missing between others. 'in a row' is the mean number of messages
     lost one after the other, 'missing' counts rounds that ended without their message, 'longest gap' is the longest
-    time without a message; between two control steps there is always one.
+    time without a message, from the begin of the receiver's first step to the end of its last; between two control
+    steps there is always one.
 
     With --export the measured latencies go into FILE, a profile, and the lines that make the links of a fleet do the
     same are all that is printed: record a real network, replay it:
