@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 
 import dcf_zenoh
-from agentd.links import replay_lines
+from agentd.link_rules import export_links
 from dcf_zenoh import Run
 from dcf_zenoh.config import load
-from dcf_zenoh.faults.profile import read_profile, write_profile
+from dcf_zenoh.faults.profile import read_profile
 from dcf_zenoh.link_health import NETWORK, LinkHealth, absences, link_health
 from dcf_zenoh.reception import Passed
 from tests.faulty_runs import named
@@ -159,10 +159,8 @@ def test_a_recorded_network_can_be_replayed(tmp_path: Path) -> None:
     """Measure known faults, export, fly with the profile, measure again: both agree, and with the truth."""
     changes = ["time.duration=12.0"]
     first = dcf_zenoh.simulate(lossy(tmp_path, KNOWN), changes=changes)
-    profiles = [profile for each in link_health(first) if (profile := each.profile)]
-    write_profile(tmp_path / "lab.json", profiles)
-    assert read_profile(tmp_path / "lab.json") == tuple(profiles)
-    lines = replay_lines(profiles, Path("lab.json"), first)
+    lines = export_links(first, link_health(first), tmp_path / "lab.json")
+    assert read_profile(tmp_path / "lab.json") == tuple(each.profile for each in link_health(first))
     again = dcf_zenoh.simulate(lossy(tmp_path, lines), changes=["seed=7", *changes])
     for before, after in zip(link_health(first), link_health(again), strict=True):
         assert (before.sender, before.receiver) == (after.sender, after.receiver)
