@@ -36,24 +36,25 @@ def export_links(run: Run, health: Sequence[LinkHealth], file: Path) -> str:
         DcfError: The topology of the run cannot be drawn.
     """
     profiles = [profile for each in health if (profile := each.profile)]
-    bare = sum(not (each.latencies.size or each.lost) for each in health)
-    if bare == len(health):
+    known = sum(bool(each.latencies.size or each.lost) for each in health)
+    if not known:
         raise RecordingError(
             f"{run.folder or run.name}: there is nothing to export: no latency or loss of any link was recorded"
         )
     graph = graph_of(LoadedFleet(run.fleet, run.home, run.name))
+    total = len(graph.links)
     lines = f"\n# Links as measured in {run.fleet.name}, {run.name}.\n" + to_toml(replay_rules(health, file, graph))
     if profiles:
         try:
             write_profile(file, profiles)
         except OSError as error:
             raise RecordingError(f"{file}: cannot be written: {error.strerror}") from error
-        _say(f"{file}: profile of {len(profiles)} of {len(health)} links")
+        _say(f"{file}: profile of {len(profiles)} of {total} links")
         _say("a fleet file looks for it beside itself, unless its path is absolute")
     else:
         _say(f"{file}: not written, as no latency of any link was recorded")
-    if bare:
-        _say(f"no rule is for {bare} of {len(health)} links, of which neither latency nor loss was recorded")
+    if known < total:
+        _say(f"no rule is for {total - known} of {total} links, of which neither latency nor loss was recorded")
     if any(rule.faults for rule in run.fleet.faults.rules):
         _say("this run had faults of its own: put the lines in place of them")
     return lines

@@ -13,6 +13,7 @@ from dcf_zenoh.config import load
 from dcf_zenoh.faults.bursts import Bursts
 from dcf_zenoh.graph import Graph
 from dcf_zenoh.link_health import Crossing, LinkHealth, link_health
+from dcf_zenoh.recording import log_name
 from dcf_zenoh.run import Run
 from dcf_zenoh.spec import FaultRule
 from tests.command_line import Answer
@@ -132,6 +133,19 @@ def test_links_of_which_nothing_was_recorded_are_told_and_left_alone(
     assert "no rule is for 6 of 8 links, of which neither latency nor loss was recorded" in answer.err
     ends = [(rule.from_, rule.to) for rule in load(lossy(tmp_path, answer.out)).spec.faults.rule]
     assert ends == [(3, 4), (1, 2)]
+
+
+def test_links_to_an_agent_without_a_log_are_in_no_rule(
+    agentd: Callable[..., Answer], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    dcf_zenoh.simulate(lossy(tmp_path, "[faults]\nlatency = 0.001\n"), changes=SHORT, out="run")
+    Path("run", log_name(3)).unlink()
+    answer = agentd("links", "run", "--export", "lab.json")
+    assert "lab.json: profile of 6 of 8 links" in answer.err
+    assert "no rule is for 2 of 8 links" in answer.err
+    (rule,) = load(lossy(tmp_path, answer.out)).spec.faults.rule
+    assert (rule.from_, rule.to) == (None, (1, 2, 4))
 
 
 def test_links_that_are_alike_share_a_rule() -> None:
