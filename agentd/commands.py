@@ -287,34 +287,27 @@ def links(options: Namespace) -> int:
 
     'lost by the network' means that numbers are missing between others. 'in a row' is the mean number of messages
     lost one after the other, 'missing' counts rounds that ended without their message, 'longest gap' is the longest
-    time without a message; between two control steps there is always one.
+    time without a message, from the begin of the receiver's first step to the end of its last; between two control
+    steps there is always one.
 
     With --export the measured latencies go into FILE, a profile, and the lines that make the links of a fleet do the
-    same are all that is printed: record a real network, replay it:
+    same are all that is printed: record a real network, replay it, in a fleet file without faults of links:
       agentd links RUN --export lab.json >> my_fleet.toml
+    Each link gets the latency and the loss that were recorded of it, by rules for all links only where they are for
+    all links of the run. One of which nothing came is exported as loss = 1.0, one of which nothing was recorded not at
+    all.
     """
-    from agentd.links import links_object, links_table, remark, replay_lines, title  # noqa: PLC0415
-    from dcf_zenoh.faults.profile import write_profile  # noqa: PLC0415
+    from agentd.link_rules import export_links  # noqa: PLC0415
+    from agentd.links import links_object, links_table, remark, title  # noqa: PLC0415
     from dcf_zenoh.link_health import link_health  # noqa: PLC0415
 
     found = read_run(options.run)
     health = link_health(found)
-    if options.export is not None:
-        profiles = [profile for each in health if (profile := each.profile)]
-        if not profiles:
-            raise RecordingError(f"{options.run}: there is nothing to export: no latency of any link was recorded")
-        try:
-            write_profile(options.export, profiles)
-        except OSError as error:
-            raise RecordingError(f"{options.export}: cannot be written: {error.strerror}") from error
-        print(f"agentd: {options.export}: profile of {len(profiles)} of {len(health)} links", file=sys.stderr)
-        print("agentd: a fleet file looks for it beside itself, unless its path is absolute", file=sys.stderr)
-        if any(rule.faults for rule in found.fleet.faults.rules):
-            print("agentd: this run had faults of its own: put the lines in place of them", file=sys.stderr)
+    lines = "" if options.export is None else export_links(found, health, options.export)
     if options.json:
         print(json.dumps(links_object(found, health)), file=options.output)
-    elif options.export is not None:
-        print(replay_lines(profiles, options.export, found), end="", file=options.output)
+    elif lines:
+        print(lines, end="", file=options.output)
     else:
         print_wide(options.output, title(found, health), links_table(health), remark(found, health))
     return 0

@@ -1,20 +1,14 @@
-"""How well the links of a run did, for people, for programs, and as lines of a fleet file."""
+"""How well the links of a run did, for people and for programs."""
 
-from collections.abc import Iterable, Sequence
-from pathlib import Path
+from collections.abc import Sequence
 from typing import Any
 
 from rich import box
 from rich.table import Table
 from rich.text import Text
 
-from dcf_zenoh.configuration.writing import toml
-from dcf_zenoh.faults.profile import LinkProfile
 from dcf_zenoh.link_health import LinkHealth
 from dcf_zenoh.run import Run
-
-_DECIMALS = 4  # of shares and mean lengths in a fleet file
-_MOST_LOSS = 0.9999
 
 
 def title(run: Run, health: Sequence[LinkHealth]) -> str:
@@ -93,39 +87,6 @@ def links_object(run: Run, health: Sequence[LinkHealth]) -> dict[str, Any]:
             for each in health
         ],
     }
-
-
-def replay_lines(profiles: Iterable[LinkProfile], file: Path, run: Run) -> str:
-    """Lines to append to a fleet file, so that its links do what was measured: rules, of which the last ones win.
-
-    Args:
-        profiles: What was measured.
-        file: The profile.
-        run: Where.
-    """
-    rules: list[dict[str, Any]] = [{"latency": {"distribution": "empirical", "file": file.as_posix()}}]
-    for each in profiles:
-        if not each.lost:
-            continue
-        length = round(max(1.0, each.mean_burst), _DECIMALS)
-        most = length / (1 + length) - 10**-_DECIMALS  # there is at least one message between two bursts
-        loss = round(min(each.lost / each.messages, most, _MOST_LOSS), _DECIMALS)
-        rules.append({"from": each.sender, "to": each.receiver, "bursts": {"mean_loss": loss, "mean_length": length}})
-    return f"\n# Links as measured in {run.fleet.name}, {run.name}.\n" + _inline(rules)
-
-
-def _inline(rules: Iterable[dict[str, Any]]) -> str:
-    """Rules as TOML, each fault on one line."""
-    blocks = []
-    for rule in rules:
-        lines = ["[[faults.rule]]"]
-        for key, value in rule.items():
-            if isinstance(value, dict):
-                lines.append(f"{key} = {{ {', '.join(toml(value).strip().splitlines())} }}")
-            else:
-                lines.append(f"{key} = {value}")
-        blocks.append("\n".join(lines))
-    return "\n\n".join(blocks) + "\n"
 
 
 def _causes(health: LinkHealth) -> str:

@@ -63,7 +63,7 @@ def rules(found: Iterable[Stretch], length: float) -> list[dict[str, Any]]:
     for stretch in sorted(found, key=lambda each: (each.begin, each.receiver)):
         begin, end = _seconds(stretch.begin), length if stretch.end is None else _seconds(stretch.end)
         if begin < min(end, length):
-            ends = {"from": _short(stretch.senders), "to": stretch.receiver, "during": [begin, end]}
+            ends = {"from": short(stretch.senders), "to": stretch.receiver, "during": [begin, end]}
             tables.append({**ends, stretch.name: stretch.fault and plain(stretch.name, stretch.fault)})
     return tables
 
@@ -129,6 +129,11 @@ def inline(value: Any) -> str:
     return json.dumps(value, ensure_ascii=False)
 
 
+def short(ids: tuple[int, ...]) -> int | list[int]:
+    """The `from` or `to` of a rule, as short as it can be."""
+    return ids[0] if len(ids) == 1 else list(ids)
+
+
 def _key(name: str) -> str:
     return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else inline(name)
 
@@ -136,10 +141,6 @@ def _key(name: str) -> str:
 def _seconds(time: int) -> float:
     """Such as come out as the same number of ns again."""
     return round(time * 1e-9, 9)
-
-
-def _short(ids: tuple[int, ...]) -> int | list[int]:
-    return ids[0] if len(ids) == 1 else list(ids)
 
 
 def _text(name: str, fault: Switch) -> str:

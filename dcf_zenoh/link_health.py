@@ -71,8 +71,8 @@ class LinkHealth:
             (K, 3).
         missing: Rounds of the receiver that ended without the message of that round.
         latencies: Of the messages that came, ascending, s.
-        longest_gap: Longest time without a message, from the receiver's first step to its last, s; None if not
-            `recorded`.
+        longest_gap: Longest time without a message, from the nominal begin of the receiver's first step to the end of
+            its last, s; None if not `recorded`.
         clock_ahead: By how much the sender's clock was ahead of the receiver's when they met, s; None in virtual time
             and where it is not known. Latencies are corrected for it where it exceeds its error.
         clock_error: Largest error of `clock_ahead`, s.
@@ -174,7 +174,7 @@ def _health(log: AgentLog, sender: int, sample_time: int, *, wall: bool) -> Link
         per_step[each.step, 1] += bool(each.lost_by)
     came = [each for each in crossings if not each.lost_by]
     latencies = [each.latency for each in crossings if each.latency is not None]
-    first, last = float(log.sensed[0]), float(log.acted[-1])
+    first, last = int(log.step[0]) * sample_time * 1e-9, float(log.acted[-1])  # of a crash sensed and acted are one
     instants = np.sort([first, *(each.due * 1e-9 for each in came if first < each.due * 1e-9 < last), last])
     ahead, error = _clock(log, sender) if wall else (None, None)
     return LinkHealth(

@@ -1,13 +1,13 @@
 import json
-import tomllib
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-from agentd.links import replay_lines
+from dcf_zenoh import simulate
 from dcf_zenoh.config import load
-from dcf_zenoh.faults.profile import LinkProfile, read_profile
+from dcf_zenoh.faults.profile import read_profile
+from dcf_zenoh.link_health import link_health
 from dcf_zenoh.run import Run
 from tests.command_line import Answer
 from tests.daemons import TRIO, Launch
@@ -19,6 +19,16 @@ ONE = """
 from = 1
 to = 2
 odd = { kind = "./named.py:Named", lost = [[3, 2], [5, 0], [5, 1]], doubled = [[4, 1]], delayed = [[6, 3]], by = 0.001 }
+"""
+
+LOSSY_ROUNDS = """
+[exchange]
+max_rounds = 10
+round_timeout = 0.01
+
+[safety]
+neighbour_silent = { after = 9.0, then = "continue" }
+
 """
 
 
@@ -70,19 +80,9 @@ def test_an_export_is_a_profile_and_lines_that_a_fleet_file_can_end_with(
     assert (profile.sender, profile.receiver, profile.lost) == (1, 2, 3)
     fleet = load(lossy(tmp_path, answer.out))
     rules = fleet.spec.faults.rule
+    assert [(rule.from_, rule.to) for rule in rules] == [(1, 2), (1, 2)]
     assert rules[0].faults["latency"].options["file"] == "lab.json"  # type: ignore[union-attr]
-    assert (rules[1].from_, rules[1].to) == (1, 2)
     assert rules[1].faults["bursts"].options["mean_length"] == 1.5  # type: ignore[union-attr]
-
-
-def test_a_link_that_lost_nearly_everything_makes_a_rule_that_is_allowed(one: Path, tmp_path: Path) -> None:
-    dead = LinkProfile(1, 2, 100, 99, 49.5, (0.0, 0.0), 0.0)
-    every_other = LinkProfile(2, 1, 101, 51, 1.0, (0.0, 0.0), 0.0)
-    lines = replay_lines([dead, every_other], Path("lab.json"), Run.read(one))
-    for rule in tomllib.loads(lines)["faults"]["rule"][1:]:
-        loss, length = rule["bursts"]["mean_loss"], rule["bursts"]["mean_length"]
-        assert loss <= length / (1 + length)
-        assert loss > 0.49
 
 
 def test_what_was_not_recorded_cannot_be_exported(agentd: Callable[..., Answer], tmp_path: Path) -> None:
@@ -90,7 +90,7 @@ def test_what_was_not_recorded_cannot_be_exported(agentd: Callable[..., Answer],
     named(tmp_path, "", "time.duration=1.0", out=folder)
     answer = agentd("links", folder, "--export", tmp_path / "lab.json")
     assert answer.code != 0
-    assert answer.err == f"agentd: {folder}: there is nothing to export: no latency of any link was recorded\n"
+    assert answer.err == f"agentd: {folder}: there is nothing to export: no latency or loss of any link was recorded\n"
     assert not (tmp_path / "lab.json").exists()
     assert "Links without faults lose and delay nothing in virtual time" in agentd("links", folder).out
 
@@ -121,3 +121,22 @@ def test_real_links_have_latencies_and_clock_offsets(agentd: Callable[..., Answe
     why = agentd("why", tmp_path / "run")
     assert why.code == 0
     assert "mean latency" in why.out
+
+
+def test_a_link_that_was_dead_on_the_wall_clock_is_dead_in_the_replay(
+    agentd: Callable[..., Answer], tmp_path: Path
+) -> None:
+    bare = TRIO.replace("[problem]", LOSSY_ROUNDS + "[problem]")
+    (tmp_path / "dead.toml").write_text(f"{bare}\n[[faults.rule]]\nfrom = 1\nto = 2\nloss = 1.0\n")
+    with Launch(tmp_path / "dead.toml", tmp_path / "run", "time.duration=2.0") as launch:
+        assert launch.end(60) == 0
+    answer = agentd("links", tmp_path / "run", "--export", tmp_path / "lab.json")
+    assert "lab.json: profile of 5 of 6 links" in answer.err
+    (tmp_path / "replay.toml").write_text(bare + answer.out)
+    assert agentd("check", tmp_path / "replay.toml").code == 0
+    again = simulate(tmp_path / "replay.toml", changes=["time.duration=2.0", "time.clock=virtual"])
+    for before, after in zip(link_health(Run.read(tmp_path / "run")), link_health(again), strict=True):
+        link = before.sender, before.receiver
+        assert before.loss == after.loss == (link == (1, 2)), link
+        if link != (1, 2):
+            assert before.latency(0.25) <= after.latency(0.5) <= before.latency(0.75), link  # type: ignore[operator]

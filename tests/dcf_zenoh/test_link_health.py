@@ -5,9 +5,10 @@ import numpy as np
 import pytest
 
 import dcf_zenoh
-from agentd.links import replay_lines
+from agentd.link_rules import export_links
 from dcf_zenoh import Run
-from dcf_zenoh.faults.profile import read_profile, write_profile
+from dcf_zenoh.config import load
+from dcf_zenoh.faults.profile import read_profile
 from dcf_zenoh.link_health import NETWORK, LinkHealth, absences, link_health
 from dcf_zenoh.reception import Passed
 from tests.faulty_runs import named
@@ -117,6 +118,28 @@ def test_the_longest_gap_of_a_dead_link_is_the_run(tmp_path: Path) -> None:
     assert link(run, 1, 3).longest_gap is None  # not recorded
 
 
+def crashed_in_its_only_step(folder: Path, at: float) -> Run:
+    """Push-sum on a directed ring, 0.5 ms for a message; agent 3 crashes in the middle of its only step."""
+    text = Path(load("directed").source).read_text(encoding="utf-8")
+    text = text.replace("max_rounds = 500", "max_rounds = 40\nround_timeout = 0.002")
+    text += f"\n[faults]\nlatency = 0.0005\n\n[agents.3.faults]\ncrash = {{ at = {at} }}\n"
+    (folder / "crash.toml").write_text(text, encoding="utf-8")
+    return dcf_zenoh.simulate(folder / "crash.toml")
+
+
+def test_the_longest_gap_of_a_receiver_that_crashed_in_its_first_step_counts_from_its_begin(tmp_path: Path) -> None:
+    run = crashed_in_its_only_step(tmp_path, 0.0032)
+    assert run.agents[3].step.tolist() == [0]
+    found = link(run, 2, 3)
+    came = [each.due * 1e-9 for each in found.crossings if each.due < 3_200_000]
+    assert came == pytest.approx([0.0005 * number for number in range(1, 7)])
+    assert found.longest_gap == pytest.approx(0.0005)
+
+
+def test_a_receiver_that_crashed_before_anything_came_waited_from_the_begin_of_its_step(tmp_path: Path) -> None:
+    assert link(crashed_in_its_only_step(tmp_path, 0.0004), 2, 3).longest_gap == pytest.approx(0.0004)
+
+
 def test_a_link_over_which_nothing_came_on_the_wall_clock_was_silent_all_the_time(one: Run) -> None:
     passed = tuple(each for each in one.agents[2].passed if each.sender != 1)
     found = link(on_the_wall(one, passed=passed), 1, 2)
@@ -136,10 +159,8 @@ def test_a_recorded_network_can_be_replayed(tmp_path: Path) -> None:
     """Measure known faults, export, fly with the profile, measure again: both agree, and with the truth."""
     changes = ["time.duration=12.0"]
     first = dcf_zenoh.simulate(lossy(tmp_path, KNOWN), changes=changes)
-    profiles = [profile for each in link_health(first) if (profile := each.profile)]
-    write_profile(tmp_path / "lab.json", profiles)
-    assert read_profile(tmp_path / "lab.json") == tuple(profiles)
-    lines = replay_lines(profiles, Path("lab.json"), first)
+    lines = export_links(first, link_health(first), tmp_path / "lab.json")
+    assert read_profile(tmp_path / "lab.json") == tuple(each.profile for each in link_health(first))
     again = dcf_zenoh.simulate(lossy(tmp_path, lines), changes=["seed=7", *changes])
     for before, after in zip(link_health(first), link_health(again), strict=True):
         assert (before.sender, before.receiver) == (after.sender, after.receiver)
