@@ -1,6 +1,8 @@
 """What one agent recorded, as arrays."""
 
-from collections.abc import Mapping
+import gc
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -122,12 +124,18 @@ class AgentLog:
         Raises:
             RecordingError: It is no log, one of another schema, or not that of its owner.
         """
-        try:
-            found = Records.read(data, owner and owner[1])
-        except RecordingError as error:
-            raise RecordingError(f"{source}: {error}") from error
-        if owner is not None:
-            _check_owner(found.header, *owner, source)
+        with _collector_resting():
+            try:
+                found = Records.read(data, owner and owner[1])
+            except RecordingError as error:
+                raise RecordingError(f"{source}: {error}") from error
+            if owner is not None:
+                _check_owner(found.header, *owner, source)
+            return cls._of(found, source)
+
+    @classmethod
+    def _of(cls, found: Records, source: str) -> "AgentLog":
+        """The arrays of what was read."""
         steps = found.steps
         neighbours = sorted({link[0] for record in steps for link in record.links})
         counts = {j: np.zeros((len(steps), 4), dtype=np.int64) for j in neighbours}
@@ -158,6 +166,18 @@ class AgentLog:
             end=found.end,
             damage=found.damage and f"{source}: {found.damage}",
         )
+
+
+@contextmanager
+def _collector_resting() -> Iterator[None]:
+    """Without the garbage collector, which finds nothing in a log and takes longer than reading it."""
+    active = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if active:
+            gc.enable()
 
 
 def has_log(folder: Path, agent: int) -> bool:
