@@ -116,8 +116,12 @@ def _history(run: Whereabouts, agents: Iterable[int]) -> tuple[dict[int, int], d
         log = run.logs[j]
         if log.damage:
             complaints.append(f"{log.damage}; what was changed later is not known")
+        try:
+            changes[j] = changes_in(log)
+        except MessageError as error:
+            complaints.append(f"agent {j}: its log in {run.folder}: {error}")
+            continue
         times[j] = max(0, log.end["time"] if log.end else 0, nanoseconds(log.acted[-1]) if len(log.acted) else 0)
-        changes[j] = changes_in(log)
     return times, changes, complaints
 
 
