@@ -155,8 +155,6 @@ class Records:
             raise ValueError(f"step {record.step} instead of {before + 1}")
         if record.acted < record.sensed:
             raise ValueError("acted before sensing")
-        if len(record.state) % 2 or len(record.setpoint) % 3:
-            raise ValueError(f"{len(record.state)} numbers as a state and {len(record.setpoint)} as a setpoint")
         heard = {link[0] for link in record.links}
         if any(passed[0] not in heard or (passed[5] < passed[4] and not passed[6]) for passed in record.passed):
             raise ValueError("passed: a message of nobody that is heard, or one that came before it was sent")

@@ -120,7 +120,6 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "another step": ({"step": 7}, "step 7 instead of 4"),
     "a step that was": ({"step": 3}, "step 3 instead of 4"),
     "acting first": ({"sensed": 1000, "acted": 999}, "acted before sensing"),
-    "half a position": ({"state": [1.0]}, "1 numbers as a state and 6 as a setpoint"),
 }
 
 
