@@ -24,6 +24,7 @@ from dcf_zenoh.messaging.network import Address, Agreed, Network, Stop, endpoint
 from dcf_zenoh.plant import State, read_only
 from dcf_zenoh.recording import StepRecord, log_name, open_log
 from dcf_zenoh.requests import Report
+from dcf_zenoh.spec import FleetSpec
 
 log = logging.getLogger(__name__)
 GOODBYE_TIMEOUT = 2.0  # s to wait for the neighbours' goodbyes
@@ -79,7 +80,7 @@ def run_agent(fleet: LoadedFleet, task: Assignment) -> Last:
         settings=fleet.spec.zenoh.settings,
         patience=HELD_UP if fleet.spec.time.clock == "wall" else fleet.spec.zenoh.silence_timeout,
     )
-    life = last_life(task.folder, task.agent) if task.rejoin else None
+    life = last_life(fleet.spec, task.folder, task.agent) if task.rejoin else None
     incarnation = life.incarnation if life else 0
     emergency = EmergencyStop()
     with (
@@ -105,7 +106,7 @@ def run_agent(fleet: LoadedFleet, task: Assignment) -> Last:
             task.agent, fleet, hood.receives_from, parts.links, parts.recorder, lambda why: network.notify(Stop(why))
         )
         if life:
-            control.restore(changes_in(read_log(task.folder, task.agent)))
+            control.restore(changes_in(read_log(fleet.spec, task.folder, task.agent)))
         try:
             ending = _run(fleet, parts, network, offsets, control, status)
         finally:
@@ -118,30 +119,32 @@ def run_agent(fleet: LoadedFleet, task: Assignment) -> Last:
     return ending.last
 
 
-def last_life(folder: Path, agent: int) -> LastLife:
+def last_life(fleet: FleetSpec, folder: Path, agent: int) -> LastLife:
     """What an agent left behind in its log.
 
     Raises:
-        RecordingError: There is no log, or no state in it.
+        RecordingError: There is no log, or no state in it; or it is damaged, so that what was appended to it could not
+            be read.
     """
-    log = read_log(folder, agent)
+    log = read_log(fleet, folder, agent)
+    if log.damage:
+        raise RecordingError(f"--rejoin: {log.damage}; it cannot be continued")
     if not len(log.state):
         raise RecordingError(f"{folder / log_name(agent)}: --rejoin: agent {agent} has not recorded a single step")
     half = log.state.shape[1] // 2
     return LastLife(log.lives, State(read_only(log.state[-1, :half]), read_only(log.state[-1, half:])))
 
 
-def read_log(folder: Path, agent: int) -> AgentLog:
+def read_log(fleet: FleetSpec, folder: Path, agent: int) -> AgentLog:
     """What an agent has recorded in its earlier lives.
 
     Raises:
-        RecordingError: There is no log, or it cannot be read.
+        RecordingError: There is no log, it cannot be read, or it is another's.
     """
-    path = folder / log_name(agent)
     try:
-        return AgentLog.read(path.read_bytes(), str(path))
-    except OSError as error:
-        raise RecordingError(f"{path}: --rejoin: cannot be read: {error.strerror}") from error
+        return AgentLog.load(folder, agent, fleet)
+    except RecordingError as error:
+        raise RecordingError(f"--rejoin: {error}") from error
 
 
 def claim_stdout() -> TextIO:

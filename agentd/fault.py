@@ -82,7 +82,7 @@ def _look(run: Whereabouts, rule: FaultRule, what: str) -> int:
         links = sorted((i, j) for j in times for i in wanted[j])
         print(f"{run.folder}{', which is over' if run.over else ''}, at {max(times.values(), default=0) * 1e-9:.3f} s")
         print(overview(run.fleet.spec, links, found, times))
-    else:
+    elif found or not complaints:  # who does not tell may have been changed
         _export(run, found)
     return _complain(complaints)
 
@@ -111,11 +111,17 @@ def _history(run: Whereabouts, agents: Iterable[int]) -> tuple[dict[int, int], d
         if j in answers:
             continue
         if j not in run.logs:
-            complaints.append(f"agent {j}: there is no log of it in {run.folder}")
+            complaints.append(run.unreadable.get(j) or f"agent {j}: there is no log of it in {run.folder}")
             continue
         log = run.logs[j]
+        if log.damage:
+            complaints.append(f"{log.damage}; what was changed later is not known")
+        try:
+            changes[j] = changes_in(log)
+        except MessageError as error:
+            complaints.append(f"agent {j}: its log in {run.folder}: {error}")
+            continue
         times[j] = max(0, log.end["time"] if log.end else 0, nanoseconds(log.acted[-1]) if len(log.acted) else 0)
-        changes[j] = changes_in(log)
     return times, changes, complaints
 
 

@@ -68,13 +68,15 @@ def read_about(folder: Path) -> dict[str, Any]:
     """What ``run.json`` says; nothing if there is none.
 
     Raises:
-        RecordingError: It is not JSON.
+        RecordingError: It is not JSON, or says something else.
     """
     path = folder / "run.json"
     try:
-        found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
+        found: Any = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
     except (OSError, ValueError) as error:
         raise RecordingError(f"{path}: cannot be read: {error}") from error
+    if not isinstance(found, dict) or not isinstance(found.get("endpoints", {}), dict):
+        raise RecordingError(f"{path}: cannot be read: expected an object, in which 'endpoints' is one too")
     return found
 
 

@@ -8,12 +8,11 @@ from pathlib import Path
 from typing import Any
 
 from agentd.rundir import default_endpoints, read_about
-from dcf_zenoh.agent_log import AgentLog
+from dcf_zenoh.agent_log import AgentLog, has_log
 from dcf_zenoh.config import LoadedFleet, load
 from dcf_zenoh.configuration.wording import listed, nearest
 from dcf_zenoh.errors import RecordingError
 from dcf_zenoh.messaging.network import Address
-from dcf_zenoh.recording import log_name
 
 RUNS = Path("runs")
 
@@ -42,19 +41,26 @@ class Whereabouts:
         """
         return cls(folder, load(folder / "fleet.toml"), read_about(folder))
 
-    @cached_property
+    @property
     def logs(self) -> dict[int, AgentLog]:
-        """Id -> what the agent has recorded so far, of those whose logs are here.
+        """Id -> what the agent has recorded so far, of those whose logs are here and can be read."""
+        return self._read[0]
 
-        Raises:
-            RecordingError: One cannot be read.
-        """
-        paths = {i: self.folder / log_name(i) for i in self.fleet.spec.ids}
-        return {
-            i: AgentLog.read(data, str(path))
-            for i, path in paths.items()
-            if path.is_file() and (data := path.read_bytes())
-        }
+    @property
+    def unreadable(self) -> dict[int, str]:
+        """Id -> why its log, which is here, cannot be read."""
+        return self._read[1]
+
+    @cached_property
+    def _read(self) -> tuple[dict[int, AgentLog], dict[int, str]]:
+        logs: dict[int, AgentLog] = {}
+        problems: dict[int, str] = {}
+        for i in (i for i in self.fleet.spec.ids if has_log(self.folder, i)):
+            try:
+                logs[i] = AgentLog.load(self.folder, i, self.fleet.spec)
+            except RecordingError as error:
+                problems[i] = str(error)
+        return logs, problems
 
     @cached_property
     def over(self) -> bool:

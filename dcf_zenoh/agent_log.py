@@ -1,16 +1,21 @@
 """What one agent recorded, as arrays."""
 
-from collections.abc import Mapping
+import gc
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from dcf_zenoh.errors import RecordingError
+from dcf_zenoh.log_records import Records, whose
 from dcf_zenoh.plant import Array, read_only
 from dcf_zenoh.reception import Passed
-from dcf_zenoh.recording import SCHEMA, StepRecord, read_stream
+from dcf_zenoh.recording import log_name
+from dcf_zenoh.spec import FleetSpec
 
 Integers = npt.NDArray[np.int64]
 
@@ -42,7 +47,8 @@ class AgentLog:
         remarks: K remarks.
         events: What happened at some instant: 'event', 'time' (ns), and more.
         end: How it ended: 'end' (reason), 'time' (ns), 'state', 'counts', 'remark', and 'unmet', what faults of the
-            links to it were to act on and no message had; None if the log was cut off.
+            links to it were to act on and no message had; None if the log was cut off, or is damaged.
+        damage: Where the log is damaged, in one line that names it; empty if it is not. Nothing after that is here.
     """
 
     agent: int
@@ -66,6 +72,7 @@ class AgentLog:
     remarks: tuple[str, ...]
     events: tuple[Mapping[str, Any], ...]
     end: Mapping[str, Any] | None
+    damage: str = ""
 
     def rows(self, steps: int) -> Integers:
         """Row of the newest record at each of the first `steps` steps: that of the step, or where there is none (the
@@ -92,30 +99,53 @@ class AgentLog:
         return states[:, : states.shape[1] // 2]
 
     @classmethod
-    def read(cls, data: bytes, source: str) -> "AgentLog":
-        """Read a stream up to its last whole record.
+    def load(cls, folder: Path, agent: int, fleet: FleetSpec) -> "AgentLog":
+        """Read the log of `agent` in a run directory of `fleet`.
 
         Raises:
-            RecordingError: It is no log, or one of another schema.
+            RecordingError: It cannot be read, is no log, or is that of another agent, fleet or seed.
         """
-        items = list(read_stream(data))
-        if not items or not isinstance(items[0], dict) or "schema" not in items[0]:
-            raise RecordingError(f"{source}: not a log of an agent: it has no header")
-        header = items[0]
-        if header["schema"] != SCHEMA:
-            raise RecordingError(f"{source}: log schema {header['schema']}; this version reads {SCHEMA}")
-        steps = [StepRecord(*item) for item in items[1:] if isinstance(item, list)]
-        others = [item for item in items[1:] if isinstance(item, dict)]
-        ends = [item for item in others if "end" in item]
+        path = folder / log_name(agent)
+        try:
+            data = path.read_bytes()
+        except OSError as error:
+            raise RecordingError(f"{path}: cannot be read: {error.strerror}") from error
+        return cls.read(data, str(path), (agent, fleet))
+
+    @classmethod
+    def read(cls, data: bytes, source: str, owner: tuple[int, FleetSpec] | None = None) -> "AgentLog":
+        """Read a stream up to its last whole record, or to where it is damaged.
+
+        Args:
+            data: The stream.
+            source: What errors call it.
+            owner: The agent and the fleet that it must be of; None: any.
+
+        Raises:
+            RecordingError: It is no log, one of another schema, or not that of its owner.
+        """
+        with _collector_resting():
+            try:
+                found = Records.read(data, owner and owner[1])
+            except RecordingError as error:
+                raise RecordingError(f"{source}: {error}") from error
+            if owner is not None:
+                _check_owner(found.header, *owner, source)
+            return cls._of(found, source)
+
+    @classmethod
+    def _of(cls, found: Records, source: str) -> "AgentLog":
+        """The arrays of what was read."""
+        steps = found.steps
         neighbours = sorted({link[0] for record in steps for link in record.links})
         counts = {j: np.zeros((len(steps), 4), dtype=np.int64) for j in neighbours}
         for row, record in enumerate(steps):
             for j, *numbers in record.links:
                 counts[j][row] = numbers
         return cls(
-            agent=header["agent"],
-            header=header,
-            lives=sum("schema" in item for item in items if isinstance(item, dict)),
+            agent=found.header["agent"],
+            header=found.header,
+            lives=found.lives,
             step=np.array([r.step for r in steps], dtype=np.int64),
             sensed=read_only([r.sensed * 1e-9 for r in steps]),
             state=_table([r.state for r in steps]),
@@ -128,13 +158,43 @@ class AgentLog:
             late=np.array([r.late for r in steps], dtype=np.bool_),
             compute=read_only([r.compute * 1e-9 for r in steps]),
             links=counts,
-            passed=tuple(Passed(*each) for r in steps for each in r.passed),
+            passed=tuple(Passed._make(each) for r in steps for each in r.passed),
             notes=tuple(r.notes for r in steps),
             rounds_log=tuple(r.log for r in steps),
             remarks=tuple(r.remark for r in steps),
-            events=tuple(item for item in others if "event" in item),
-            end=ends[-1] if ends else None,
+            events=tuple(found.events),
+            end=found.end,
+            damage=found.damage and f"{source}: {found.damage}",
         )
+
+
+@contextmanager
+def _collector_resting() -> Iterator[None]:
+    """Without the garbage collector, which finds nothing in a log and takes longer than reading it."""
+    active = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if active:
+            gc.enable()
+
+
+def has_log(folder: Path, agent: int) -> bool:
+    """Whether a run directory has a log of `agent` with anything in it."""
+    path = folder / log_name(agent)
+    return path.is_file() and path.stat().st_size > 0
+
+
+def _check_owner(header: Mapping[str, Any], agent: int, fleet: FleetSpec, source: str) -> None:
+    """Refuse the log of another agent, fleet or seed.
+
+    Raises:
+        RecordingError: It is one.
+    """
+    expected = {"agent": agent, "fleet": fleet.name, "seed": fleet.seed}
+    if any(header.get(name) != value for name, value in expected.items()):
+        raise RecordingError(f"{source}: the log of {whose(header)}; expected {whose(expected)}")
 
 
 def _table(rows: list[list[float]]) -> Array:

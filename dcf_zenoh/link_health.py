@@ -20,6 +20,8 @@ from dcf_zenoh.run import Run
 from dcf_zenoh.spec import nanoseconds
 
 NETWORK = "the network"  # what has lost a message that no fault lost
+_LEAST = 1000  # ns between two messages of one agent; none is nearly as fast
+_SLACK = 1_000_000  # ns, as stamps depend on clock offsets
 _QUANTILES = 201  # of a profile: every half per cent
 
 
@@ -165,7 +167,8 @@ def _health(log: AgentLog, sender: int, sample_time: int, *, wall: bool) -> Link
         crossings = tuple(each._replace(waited=_waited(each.due, log, sample_time)) for each in crossings)
     received, missing, late, lost = log.links[sender].T
     recorded = wall or bool(crossings)
-    per_step = np.zeros((int(log.step[-1]) + 1, 3), dtype=np.int64)
+    steps = max([int(log.step[-1]), *(each.step for each in crossings)]) + 1
+    per_step = np.zeros((steps, 3), dtype=np.int64)
     np.add.at(per_step[:, 2], log.step, late)
     if not recorded:
         np.add.at(per_step[:, 0], log.step, received + late + lost)
@@ -214,7 +217,12 @@ def _crossings(log: AgentLog, sender: int, *, wall: bool) -> Iterator[Crossing]:
 
 
 def _gap(before: Crossing, after: Crossing) -> Iterator[Crossing]:
-    """The messages between two others; none where the sender was started again. One round has one number."""
+    """The messages between two others; none where the sender was started again. One round has one number.
+
+    Nor where there was no time for them: then a number is wrong, in a log that is damaged.
+    """
+    if (after.sequence - before.sequence) * _LEAST > after.entered - before.entered + _SLACK:
+        return
     for sequence in range(before.sequence + 1, after.sequence):
         round = after.round - (after.sequence - sequence)
         step = after.step

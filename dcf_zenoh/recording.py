@@ -209,25 +209,34 @@ class Recorder:
             raise RecordingError(f"cannot write the log: {error}") from error
 
 
-def read_stream(data: bytes) -> Iterator[Any]:
-    """The whole objects of a stream, up to where it was cut off or damaged."""
-    unpacker = msgpack.Unpacker(max_buffer_size=0, strict_map_key=False)
+def read_stream(data: bytes) -> Iterator[tuple[Any, int]]:
+    """The whole objects of a stream, each with where it ends, up to where the stream was cut off.
+
+    Raises:
+        ValueError: What follows is damaged: it is no object.
+    """
+    longest = max(len(data), 1 << 20)  # a length beyond that is refused before memory is taken for it
+    unpacker = msgpack.Unpacker(max_buffer_size=longest, strict_map_key=False)
     unpacker.feed(data)
-    try:
-        yield from unpacker
-    except (ValueError, msgpack.UnpackException):
-        return
+    while True:
+        try:
+            item = unpacker.unpack()
+        except msgpack.OutOfData:
+            return
+        except (TypeError, OverflowError, msgpack.UnpackException) as error:  # keys that are lists; bad time stamps
+            raise ValueError(f"not msgpack: {error}") from error
+        yield item, unpacker.tell()
 
 
 def whole(data: bytes) -> int:
     """How many bytes of a stream its whole objects take."""
-    unpacker = msgpack.Unpacker(max_buffer_size=0, strict_map_key=False)
-    unpacker.feed(data)
     end = 0
     try:
-        for _ in unpacker:
-            end = unpacker.tell()
-    except (ValueError, msgpack.UnpackException):
+        for item, after in read_stream(data):
+            if not isinstance(item, list | dict):  # zeros after a loss of power
+                break
+            end = after
+    except ValueError:
         pass
     return end
 

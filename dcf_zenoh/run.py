@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from dcf_zenoh.agent_log import AgentLog
+from dcf_zenoh.agent_log import AgentLog, has_log
 from dcf_zenoh.config import load
 from dcf_zenoh.errors import RecordingError
 from dcf_zenoh.plant import Array, read_only
@@ -53,23 +53,27 @@ class Run:
             ConfigurationError: Its fleet file cannot be read.
         """
         folder = Path(folder)
+        if not folder.exists():
+            raise RecordingError(f"{folder}: there is no such directory; expected that of a run")
         if not (folder / "fleet.toml").is_file():
             raise RecordingError(f"{folder}: not a run directory: it has no fleet.toml")
         fleet = load(folder / "fleet.toml", run_plugins=False).spec
-        paths = {i: folder / log_name(i) for i in fleet.ids}
-        found = {i: path for i, path in paths.items() if path.is_file() and path.stat().st_size}
+        found = [i for i in fleet.ids if has_log(folder, i)]
         if not found:
             raise RecordingError(
                 f"{folder}: not one log of agents {list(fleet.ids)}; expected files like {log_name(1)}"
             )
         logs = {}
         problems = []
-        for i, path in found.items():  # one log that cannot be read costs one agent
+        for i in found:  # one log that cannot be read costs one agent
             try:
-                logs[i] = AgentLog.read(path.read_bytes(), str(path))
+                logs[i] = AgentLog.load(folder, i, fleet)
             except RecordingError as error:
                 problems.append(str(error))
                 log.warning("%s", error)
+        for each in logs.values():
+            if each.damage:
+                log.warning("%s; what follows is left out", each.damage)
         if not logs:
             raise RecordingError("; ".join(problems))
         return cls(folder.resolve().name, fleet, logs, folder, folder)
@@ -185,10 +189,10 @@ class Run:
 
     @property
     def gaps(self) -> list[str]:
-        """Agents of which something is missing: no log, or one that breaks off. Empty if the run is `complete`."""
+        """Agents whose log is missing, breaks off or is damaged. Empty if the run is `complete`."""
         absent = [f"agent {i} has no log that can be read" for i in self.fleet.ids if i not in self.agents]
         broken = [
-            f"agent {i}'s log breaks off after {f'step {log.step[-1]}' if len(log.step) else 'nothing'}"
+            f"agent {i}'s log {'is damaged' if log.damage else 'breaks off'} after {_last_step(log)}"
             for i, log in self.agents.items()
             if log.end is None
         ]
@@ -245,6 +249,10 @@ class Run:
             "notes": dict(sorted(notes.items())),
             "digest": self.digest,
         }
+
+
+def _last_step(log: AgentLog) -> str:
+    return f"step {log.step[-1]}" if len(log.step) else "nothing"
 
 
 def spread_of(values: npt.NDArray[Any]) -> dict[str, float | None]:

@@ -14,7 +14,7 @@ LAYERS = (
     "errors",
     "plant spec graph clock messaging.message configuration.wording",
     "requests agreement messaging.delivery messaging.mailbox faults algorithms problems layouts",
-    "rhythm fate talk transmission controllers reception exchange recording supervisor",
+    "rhythm fate talk transmission controllers reception exchange recording log_records supervisor",
     "flight agent messaging testing",
     "plugins",
     "configuration config",

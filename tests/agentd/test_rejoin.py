@@ -68,7 +68,7 @@ def test_who_has_never_flown_cannot_join_again(
     monkeypatch.chdir(tmp_path)
     told = agentd("run", "position_swap_lossy", "--id", "2", "--out", tmp_path, "--rejoin")
     assert told.code == 1
-    assert told.err == f"agentd: {tmp_path / 'agent-2.msgpack'}: --rejoin: cannot be read: No such file or directory\n"
+    assert told.err == f"agentd: --rejoin: {tmp_path / 'agent-2.msgpack'}: cannot be read: No such file or directory\n"
     told = agentd("run", "position_swap_lossy", "--clock", "virtual", "--id", "2", "--out", tmp_path, "--rejoin")
     assert told.code == 2
     assert told.err == "agentd: --rejoin: only on the wall clock; a run in virtual time can be repeated instead\n"

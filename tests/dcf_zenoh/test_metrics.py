@@ -128,7 +128,8 @@ def test_a_gap_in_a_log_is_not_bridged() -> None:
     still = moving(ZERO, ZERO)
     plan = Setpoint(read_only([1.0, 0.0]), read_only(ZERO), read_only(ZERO))
     stream = BytesIO()
-    recorder = Recorder(stream, 1, {})
-    for step, state in ((0, still), (1, still), (10, moving(np.array([9.0, 0.0]), ZERO)), (11, still)):
-        recorder.step(StepRecord.abstained(step, step * STEP, state, plan, ""))
+    for life in (((0, still), (1, still)), ((10, moving(np.array([9.0, 0.0]), ZERO)), (11, still))):
+        recorder = Recorder(stream, 1, {})
+        for step, state in life:
+            recorder.step(StepRecord.abstained(step, step * STEP, state, plan, ""))
     assert tracking_error(run_of(AgentLog.read(stream.getvalue(), "test"))) == 1.0  # of steps 0 and 10 alone
