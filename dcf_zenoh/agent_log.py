@@ -43,7 +43,7 @@ class AgentLog:
         links: Neighbour -> messages received, missing, late, lost by faults per step, shape (K, 4).
         passed: What links did to messages, in the order in which the agent took them in.
         notes: Per step what the controller counted.
-        rounds_log: Per step the records of its rounds (`RoundRecord` as a list); empty without ``log.rounds``.
+        rounds_log: Per step the records of its rounds (`RoundRecord` as a tuple); empty without ``log.rounds``.
         remarks: K remarks.
         events: What happened at some instant: 'event', 'time' (ns), and more.
         end: How it ended: 'end' (reason), 'time' (ns), 'state', 'counts', 'remark', and 'unmet', what faults of the

@@ -36,7 +36,9 @@ def with_entry(run: Run, agent: int, name: str, place: tuple[int, ...], value: f
 def with_round(run: Run, agent: int, step: int, round: int, change: Callable[[list[Any]], None]) -> Run:
     """`run` with one record of a round changed: payload, residual, arrivals, noted."""
     rounds = deepcopy(run.agents[agent].rounds_log)
-    change(rounds[step][round])
+    record = list(rounds[step][round])
+    change(record)
+    rounds[step][round] = tuple(record)
     return changed(run, agent, rounds_log=rounds)
 
 
