@@ -123,7 +123,10 @@ class Link:
         """
         deliveries: tuple[Delivery, ...] = (delivery,)
         self._counter[1], self._counter[3] = delivery.message.sequence, delivery.message.incarnation
-        for layer, fault in self._acting(delivery.entered):
+        for layer in self._chain if self._steady else self._sorted(delivery.entered):
+            fault = layer.acting(delivery.entered)
+            if fault is None:
+                continue
             self._counter[2] = layer.place
             self._philox.state = self._state  # the random numbers of this message and place in the chain
             if len(deliveries) == 1:
@@ -156,9 +159,7 @@ class Link:
         self._steady = all(len(each) <= 1 for each in stages.values())
         self._chain = sorted(self._layers.values(), key=lambda layer: (min(stages[layer.name], default=0), layer.name))
 
-    def _acting(self, instant: int) -> list[tuple[Layer, Fault]]:
-        """The faults for a message that enters at `instant`, in the order in which they act."""
-        found = [(layer, fault) for layer in self._chain if (fault := layer.acting(instant)) is not None]
-        if not self._steady:
-            found.sort(key=lambda each: (each[1].STAGE, each[0].name))
-        return found
+    def _sorted(self, instant: int) -> list[Layer]:
+        """The layers that act on a message that enters at `instant`, in the order in which they do."""
+        found = [(fault.STAGE, layer.name) for layer in self._chain if (fault := layer.acting(instant)) is not None]
+        return [self._layers[name] for _, name in sorted(found)]
