@@ -206,7 +206,7 @@ def compare(name: str, ours: list[Speed], theirs: list[Speed]) -> str:
         ratios = [mine[k] / other[k] for mine, other in zip(ours, theirs, strict=True)]
         mine, other = (statistics.median(speed[k] for speed in side) for side in (ours, theirs))
         low, high = confidence(ratios)
-        spread = f"{statistics.median(ratios):.2f} [{low:.2f} .. {high:.2f}]"
+        spread = f"{statistics.median(ratios):.3f} [{low:.3f} .. {high:.3f}]"
         text += f"{';' if k else ':'} {what} {spread} {mine:.0f} / {other:.0f}"
     return text
 

@@ -12,7 +12,7 @@ from dcf_zenoh.messaging.message import Payload
 
 
 class Tampering(PayloadFault):
-    """The sender says the same wrong thing to all: ``scale * value + offset``, also of what it said first.
+    """The sender says the same wrong thing to all: ``scale * value + offset``; frozen, a value is what it said first.
 
     A fault of a sender must be on all links that lead away from it, as a rule with ``from`` alone puts it. Scale and
     offset change real numbers; a frozen payload is repeated whole, integers and booleans too. An algorithm may send
