@@ -7,13 +7,13 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
+from agentd.launcher.rundir import check_unused, default_endpoints, new_run_folder, read_about
 from agentd.printing import print_wide
-from agentd.rundir import check_unused, default_endpoints, new_run_folder, read_about
-from agentd.telling import judge, launch_and_tell, load_as_asked, print_judgement, read_run, simulate_and_tell
+from agentd.run_and_report import judge, launch_and_tell, load_as_asked, print_judgement, read_run, simulate_and_tell
 from dcf_zenoh.config import load, to_toml
 from dcf_zenoh.errors import ConfigurationError, RecordingError
 from dcf_zenoh.plugins import GROUPS
-from dcf_zenoh.run import Run
+from dcf_zenoh.records.run import Run
 
 if TYPE_CHECKING:
     pass
@@ -42,7 +42,7 @@ def run(options: Namespace) -> int:
     --rejoin: `agentd run RUN/fleet.toml --id N --out RUN --rejoin`. It takes part from the next control step; a
     simulated plant goes on from its last recorded state.
     """
-    from agentd.daemon import Assignment, claim_stdout, run_agent  # noqa: PLC0415
+    from agentd.daemon.daemon import Assignment, claim_stdout, run_agent  # noqa: PLC0415
     from dcf_zenoh.config import freeze  # noqa: PLC0415
 
     status = claim_stdout() if options.supervised else None
@@ -94,7 +94,7 @@ def check(options: Namespace) -> int:
     is given: their files are read, not executed. A built-in problem that is solved once is solved in one place, and a
     note says if it has no solution.
     """
-    from dcf_zenoh.oracle import unsolvable  # noqa: PLC0415 - OSQP is for those who need it
+    from dcf_zenoh.analysis.oracle import unsolvable  # noqa: PLC0415 - OSQP is for those who need it
 
     fleet = load_as_asked(options, run_plugins=options.load)
     if reason := unsolvable(fleet):
@@ -109,7 +109,7 @@ def plugins(options: Namespace) -> int:
     A kind may also be 'package.module:Name' or './file.py:Name': the keyword-only arguments of its constructor are
     its keys.
     """
-    from agentd.catalogue import catalogue  # noqa: PLC0415
+    from agentd.plugin_list import catalogue  # noqa: PLC0415
 
     for line in catalogue([options.group] if options.group else GROUPS):
         print(line)
@@ -123,7 +123,7 @@ def report(options: Namespace) -> int:
     printed and drawn is how far each agent's decision was from that, by how much all of them together violated a
     constraint, and the residual at which the rounds were stopped.
     """
-    from agentd.report import write_oracle, write_report  # noqa: PLC0415
+    from agentd.results.report import write_oracle, write_report  # noqa: PLC0415
 
     runs, folder = [Run.read(each) for each in options.runs], options.out or options.runs[0]
     written = write_report(runs, folder, animate=options.animate)
@@ -138,7 +138,7 @@ def report(options: Namespace) -> int:
 
 def export(options: Namespace) -> int:
     """Write the log of RUN for other tools: csv (one row per agent and step), npz (NumPy) or mat (MATLAB)."""
-    from agentd.export import export as export_run  # noqa: PLC0415
+    from agentd.results.export import export as export_run  # noqa: PLC0415
 
     print(export_run(Run.read(options.run), options.to, options.out))
     return 0
@@ -161,7 +161,7 @@ def fault(options: Namespace) -> int:
     is in the log of the agents that it is for, with the time from which it acts. The exit code is 1 if an agent does
     not answer or refuses.
     """
-    from agentd.fault import fault as change_fault  # noqa: PLC0415 - Zenoh is for those who need it
+    from agentd.operator.change_faults import fault as change_fault  # noqa: PLC0415 - Zenoh is for those who need it
 
     return change_fault(options.run, options.senders, options.receivers, options.words)
 
@@ -172,7 +172,7 @@ def preflight(options: Namespace) -> int:
     For Crazyflies: battery, link quality, base stations, variance of the estimate, heading, distance from the start.
     The exit code is 1 if one of them could not fly.
     """
-    from agentd.preflight import inspect, table  # noqa: PLC0415
+    from agentd.launcher.preflight import inspect, table  # noqa: PLC0415
 
     options.clock = options.clock or "wall"
     fleet = load_as_asked(options)
@@ -189,7 +189,7 @@ def land(options: Namespace) -> int:
 
     In the terminal of `agentd launch` the key l does the same.
     """
-    from agentd.order import order  # noqa: PLC0415 - Zenoh is for those who need it
+    from agentd.operator.land_stop import order  # noqa: PLC0415 - Zenoh is for those who need it
 
     return order(options.run, "land")
 
@@ -200,7 +200,7 @@ def stop(options: Namespace) -> int:
     It does not go through the control loop, so it also works where an algorithm hangs; such an agent cannot answer.
     In the terminal of `agentd launch` the key x does the same.
     """
-    from agentd.order import order  # noqa: PLC0415 - Zenoh is for those who need it
+    from agentd.operator.land_stop import order  # noqa: PLC0415 - Zenoh is for those who need it
 
     return order(options.run, "stop")
 
@@ -211,7 +211,7 @@ def rerun(options: Namespace) -> int:
     A run in virtual time is repeated in the simulator and must be identical; one on the wall clock is launched again
     and may differ. The exit code is 1 if a run in virtual time differs.
     """
-    from dcf_zenoh.comparison import compare  # noqa: PLC0415
+    from dcf_zenoh.analysis.comparison import compare  # noqa: PLC0415
 
     first = Run.read(options.run)
     fleet = load(options.run / "fleet.toml")
@@ -228,7 +228,7 @@ def diff(options: Namespace) -> int:
 
     Of runs in virtual time the messages that links lost or delayed are compared too.
     """
-    from dcf_zenoh.comparison import compare  # noqa: PLC0415
+    from dcf_zenoh.analysis.comparison import compare  # noqa: PLC0415
 
     difference = compare(Run.read(options.a), Run.read(options.b), tolerance=options.tolerance)
     print(difference)
@@ -254,7 +254,7 @@ def compare(options: Namespace) -> int:
     negotiation; deadlines missed. All at the samples. The exit code is 1 if a variant failed; the others run all the
     same.
     """
-    from agentd.compare import compare_variants  # noqa: PLC0415
+    from agentd.sweeps.compare import compare_variants  # noqa: PLC0415
 
     return compare_variants(options)
 
@@ -271,7 +271,7 @@ def sweep(options: Namespace) -> int:
     of a central solver. The figure shows medians over the seeds, and quartiles, over the first quantity that is a
     number. The exit code is 1 if a run failed; the others run all the same.
     """
-    from agentd.sweep import sweep_variants  # noqa: PLC0415
+    from agentd.sweeps.sweep import sweep_variants  # noqa: PLC0415
 
     return sweep_variants(options)
 
@@ -297,9 +297,9 @@ def links(options: Namespace) -> int:
     all links of the run. One of which nothing came is exported as loss = 1.0, one of which nothing was recorded not at
     all.
     """
-    from agentd.link_rules import export_links  # noqa: PLC0415
-    from agentd.links import links_object, links_table, remark, title  # noqa: PLC0415
-    from dcf_zenoh.link_health import link_health  # noqa: PLC0415
+    from agentd.results.link_rules import export_links  # noqa: PLC0415
+    from agentd.results.link_table import links_object, links_table, remark, title  # noqa: PLC0415
+    from dcf_zenoh.analysis.link_health import link_health  # noqa: PLC0415
 
     found = read_run(options.run)
     health = link_health(found)
@@ -322,9 +322,9 @@ def why(options: Namespace) -> int:
     with which residual. Then the last of these steps is computed once more from the recorded states, without any
     fault and with as many rounds as it takes, and what would have come of it is printed beside what did.
     """
-    from agentd.schedule import changes_of  # noqa: PLC0415
-    from agentd.why import why_lines  # noqa: PLC0415
-    from dcf_zenoh.explanation import explain  # noqa: PLC0415
+    from agentd.operator.fault_history import changes_of  # noqa: PLC0415
+    from agentd.results.explanation_text import why_lines  # noqa: PLC0415
+    from dcf_zenoh.analysis.explanation import explain  # noqa: PLC0415
 
     found = read_run(options.run)
     for line in why_lines(found, explain(found, changes_of(found))):
@@ -345,6 +345,6 @@ def emulate_crazyflie(options: Namespace) -> int:
       1 place 0.5 0.0 90     m, m, deg          1 restart          off and on again
       1 state                                   quit
     """
-    from agentd.emulate import emulate  # noqa: PLC0415 - compiles the model
+    from agentd.launcher.emulate import emulate  # noqa: PLC0415 - compiles the model
 
     return emulate(options)

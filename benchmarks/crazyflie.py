@@ -11,7 +11,7 @@ import time
 import numpy as np
 
 from dcf_zenoh.plant import Setpoint
-from plants.crazyflie import Crazyflie
+from plants.crazyflie.simulated import Crazyflie
 
 GOAL = 100  # times real time
 SAMPLE = 200_000_000  # ns

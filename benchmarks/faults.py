@@ -16,8 +16,8 @@ from dcf_zenoh.faults.bursts import Bursts
 from dcf_zenoh.faults.latency import Latency
 from dcf_zenoh.faults.link import ALWAYS, Layer, Link
 from dcf_zenoh.faults.loss import Loss
+from dcf_zenoh.message import Last, Message, canonical
 from dcf_zenoh.messaging.delivery import Delivery
-from dcf_zenoh.messaging.message import Last, Message, canonical
 
 GOAL = 15.0  # µs
 

@@ -21,7 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dcf_zenoh.algorithms.algorithm import Dialogue, Me, Result
-from dcf_zenoh.run import Run
+from dcf_zenoh.records.run import Run
 
 GOALS = 1.0, 5.0  # ms: median, 99th percentile
 SECONDS = 4.0  # of rounds, for each latency

@@ -110,21 +110,21 @@ def bare(agent: int, ports: list[int], seconds: float) -> None:
 
 def stack(agent: int, ports: list[int], seconds: float) -> None:
     """Rounds by what a daemon is made of."""
-    from agentd.runner import run_wall, spare_collector  # noqa: PLC0415
-    from dcf_zenoh.agent import Ending  # noqa: PLC0415
+    from agentd.daemon.runner import run_wall, spare_collector  # noqa: PLC0415
     from dcf_zenoh.algorithms.algorithm import Dialogue  # noqa: PLC0415
     from dcf_zenoh.assembly import AgentParts  # noqa: PLC0415
-    from dcf_zenoh.exchange import Exchange  # noqa: PLC0415
     from dcf_zenoh.graph import Graph, Neighbourhood, metropolis  # noqa: PLC0415
+    from dcf_zenoh.loop.agent import Ending  # noqa: PLC0415
+    from dcf_zenoh.message import Last  # noqa: PLC0415
     from dcf_zenoh.messaging.mailbox import Mailbox  # noqa: PLC0415
-    from dcf_zenoh.messaging.message import Last  # noqa: PLC0415
     from dcf_zenoh.messaging.network import Address, Network, endpoints_to_connect  # noqa: PLC0415
     from dcf_zenoh.plant import NoPlant  # noqa: PLC0415
-    from dcf_zenoh.reception import Reception  # noqa: PLC0415
-    from dcf_zenoh.recording import Recorder  # noqa: PLC0415
+    from dcf_zenoh.records.writer import Recorder  # noqa: PLC0415
     from dcf_zenoh.requests import Loop, Wait  # noqa: PLC0415
+    from dcf_zenoh.rounds.exchange import Exchange  # noqa: PLC0415
+    from dcf_zenoh.rounds.receiver import Reception  # noqa: PLC0415
+    from dcf_zenoh.rounds.sender import Transmission  # noqa: PLC0415
     from dcf_zenoh.spec import Rounds  # noqa: PLC0415
-    from dcf_zenoh.transmission import Transmission  # noqa: PLC0415
 
     agents = range(len(ports))
     graph = Graph.of(agents, [(i, j) for i in agents for j in agents if i != j])

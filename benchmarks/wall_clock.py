@@ -18,8 +18,8 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from dcf_zenoh.run import Run
-from plants.crazyflie import Crazyflie
+from dcf_zenoh.records.run import Run
+from plants.crazyflie.simulated import Crazyflie
 
 KEPT = 0.99  # of the agent-steps
 READY = 2.0  # s

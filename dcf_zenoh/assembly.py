@@ -7,26 +7,26 @@ from typing import Any, BinaryIO, NamedTuple, cast
 
 import numpy as np
 
-from dcf_zenoh.agent import Agent, Ending
 from dcf_zenoh.algorithms.algorithm import Me
 from dcf_zenoh.config import LoadedFleet, graph_of, weights_of
-from dcf_zenoh.configuration.fault_links import links_to, margin_of, needs_positions
-from dcf_zenoh.configuration.parts import plant_of, problem_of
+from dcf_zenoh.configuration.building.fault_links import links_to, margin_of, needs_positions
+from dcf_zenoh.configuration.building.problem_and_plant import plant_of, problem_of
 from dcf_zenoh.controllers.controller import Controller
-from dcf_zenoh.exchange import Exchange
-from dcf_zenoh.fate import Fate
 from dcf_zenoh.faults.link import Link
-from dcf_zenoh.flight import first_number
 from dcf_zenoh.graph import Graph, Neighbourhood
+from dcf_zenoh.loop.agent import Agent, Ending
+from dcf_zenoh.loop.agent_faults import Fate
+from dcf_zenoh.loop.phases import first_number
 from dcf_zenoh.messaging.mailbox import Mailbox
 from dcf_zenoh.plant import Array, Plant, State
 from dcf_zenoh.plugins import bind, create, load
-from dcf_zenoh.reception import Reception
-from dcf_zenoh.recording import Recorder, StepRecord
+from dcf_zenoh.records.writer import Recorder, StepRecord
 from dcf_zenoh.requests import Loop
-from dcf_zenoh.rhythm import Rhythm
+from dcf_zenoh.rounds.activation import Rhythm
+from dcf_zenoh.rounds.exchange import Exchange
+from dcf_zenoh.rounds.receiver import Reception
+from dcf_zenoh.rounds.sender import Transmission
 from dcf_zenoh.spec import FleetSpec, nanoseconds
-from dcf_zenoh.transmission import Transmission
 
 
 class LastLife(NamedTuple):

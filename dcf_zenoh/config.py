@@ -3,15 +3,15 @@
 from collections.abc import Iterable
 from pathlib import Path
 
-from dcf_zenoh.configuration.checks import check
-from dcf_zenoh.configuration.defaults import with_defaults
-from dcf_zenoh.configuration.draft import read
-from dcf_zenoh.configuration.drawing import draw, weights_of
-from dcf_zenoh.configuration.freezing import freeze
-from dcf_zenoh.configuration.laying_out import lay_out
+from dcf_zenoh.configuration.building.graph import draw, weights_of
+from dcf_zenoh.configuration.checks.all_checks import check
 from dcf_zenoh.configuration.loaded_fleet import LoadedFleet
-from dcf_zenoh.configuration.validation import validate
-from dcf_zenoh.configuration.writing import to_toml
+from dcf_zenoh.configuration.reading.defaults import with_defaults
+from dcf_zenoh.configuration.reading.draft import read
+from dcf_zenoh.configuration.reading.layout import lay_out
+from dcf_zenoh.configuration.reading.validation import validate
+from dcf_zenoh.configuration.run_copy import freeze
+from dcf_zenoh.configuration.toml_writer import to_toml
 from dcf_zenoh.errors import ConfigurationError
 from dcf_zenoh.graph import Graph
 

@@ -6,7 +6,7 @@ A runner resumes the loop with the fleet time, an integer number of ns since the
 from collections.abc import Generator
 from typing import NamedTuple, TypeAlias, TypeVar
 
-from dcf_zenoh.messaging.message import Message
+from dcf_zenoh.message import Message
 from dcf_zenoh.plant import Check
 
 NEVER = 2**62

@@ -9,14 +9,14 @@ from typing import BinaryIO
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from dcf_zenoh.agent_log import AgentLog
 from dcf_zenoh.assembly import AgentParts, Blueprint
 from dcf_zenoh.config import LoadedFleet, freeze, load
 from dcf_zenoh.errors import DcfError, NeighbourLost
 from dcf_zenoh.graph import Graph
-from dcf_zenoh.recording import open_log
+from dcf_zenoh.records.agent_log import AgentLog
+from dcf_zenoh.records.run import Run
+from dcf_zenoh.records.writer import open_log
 from dcf_zenoh.requests import Activate, Publish, Start, Wait
-from dcf_zenoh.run import Run
 
 Choice = Callable[[int], int]
 

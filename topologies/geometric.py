@@ -5,7 +5,7 @@ from itertools import combinations
 
 import numpy as np
 
-from topologies.drawing import connected
+from topologies.random_links import connected
 
 
 def geometric(agents: Sequence[int], *, radius: float = 0.5, seed: int = 0) -> list[tuple[int, int]]:

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from topologies.drawing import connected
+from topologies.random_links import connected
 
 
 def regular(agents: Sequence[int], *, degree: int | None = None, seed: int = 0) -> list[tuple[int, int]]:

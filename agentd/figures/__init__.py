@@ -10,7 +10,7 @@ from agentd.figures.links import links
 from agentd.figures.separation import separation
 from agentd.figures.times import times
 from agentd.figures.trajectories import trajectories
-from dcf_zenoh.run import Run
+from dcf_zenoh.records.run import Run
 
 FIGURES: Mapping[str, Callable[[Sequence[Run]], Figure | None]] = {
     "trajectories": trajectories,

@@ -12,7 +12,7 @@ from agentd.figures.style import BLUE, GREEN, INK, ORANGE, flies
 from agentd.figures.times import boxes, boxes_key, budgets, kind_of_time, milliseconds, took_part
 from agentd.figures.trajectories import draw_paths, limits, paths_key
 from dcf_zenoh.plant import Array
-from dcf_zenoh.run import Run
+from dcf_zenoh.records.run import Run
 
 _COLUMNS = 4
 _NAMED = 4  # variants whose boxes bear names, if these are short enough; others have numbers

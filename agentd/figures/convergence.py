@@ -9,8 +9,8 @@ from matplotlib.figure import Figure
 
 from agentd.figures.style import GREY, INK, RED, heading
 from dcf_zenoh.plant import Array
-from dcf_zenoh.run import Run
-from dcf_zenoh.talk import RoundRecord
+from dcf_zenoh.records.run import Run
+from dcf_zenoh.rounds.dialogue import RoundRecord
 
 _SELECTED = 5  # steps drawn one by one
 

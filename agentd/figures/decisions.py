@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from agentd.figures.style import agent_style, flies, heading
-from dcf_zenoh.run import Run
+from dcf_zenoh.records.run import Run
 
 _FEW = 8  # components that have a legend
 

@@ -10,7 +10,7 @@ from matplotlib.patches import Polygon
 
 from agentd.figures.style import INK, agent_style, flies, heading
 from agentd.figures.trajectories import diamond, limits
-from dcf_zenoh.run import Run
+from dcf_zenoh.records.run import Run
 
 _FRAMES = 150  # at most, whatever the length of the flight
 _RATE = 20  # pictures per s at most

@@ -11,9 +11,9 @@ from matplotlib.figure import Figure, SubFigure
 from matplotlib.ticker import MaxNLocator
 
 from agentd.figures.style import BLUE, GREEN, GREY, INK, ORANGE, PINK, RED, SKY, heading
-from dcf_zenoh.link_health import LinkHealth, absences, link_health, total_per_step
+from dcf_zenoh.analysis.link_health import LinkHealth, absences, link_health, total_per_step
 from dcf_zenoh.plant import Array
-from dcf_zenoh.run import Run
+from dcf_zenoh.records.run import Run
 
 _MANY = 12  # agents beyond which the cells have no numbers
 _LEVELS = 4  # of names beside one another, so that none hides another

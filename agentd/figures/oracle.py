@@ -7,9 +7,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from agentd.figures.style import GREY, INK, RED, agent_style, heading
-from dcf_zenoh.oracle import Oracle
+from dcf_zenoh.analysis.oracle import Oracle
 from dcf_zenoh.plant import Array
-from dcf_zenoh.run import Run
+from dcf_zenoh.records.run import Run
 
 _FEW = 12  # agents that have a legend
 _LEAST = 1e-9  # what is smaller is drawn here: the accuracy of the central solver

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from agentd.figures.style import BLUE, GREEN, GREY, INK, ORANGE, RED, flies, heading
 from dcf_zenoh.plant import Array
-from dcf_zenoh.run import Run
+from dcf_zenoh.records.run import Run
 
 _FEW = 15  # pairs that are drawn one by one
 

@@ -3,9 +3,9 @@
 import textwrap
 from typing import Any
 
-from dcf_zenoh.agent_log import AgentLog
-from dcf_zenoh.messaging.message import Last
-from dcf_zenoh.run import Run
+from dcf_zenoh.message import Last
+from dcf_zenoh.records.agent_log import AgentLog
+from dcf_zenoh.records.run import Run
 
 STYLE: Any = {  # not a dict for the type checker: matplotlib lists every key there is in its type
     "axes.axisbelow": True,

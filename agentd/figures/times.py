@@ -10,7 +10,7 @@ from matplotlib.lines import Line2D
 
 from agentd.figures.style import BLUE, INK, ORANGE, RED
 from dcf_zenoh.plant import Array
-from dcf_zenoh.run import Run
+from dcf_zenoh.records.run import Run
 
 _WIDE = 25.0  # ratio of the largest value to the least median beyond which the axis is logarithmic
 

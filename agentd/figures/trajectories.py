@@ -11,7 +11,7 @@ from matplotlib.patches import Patch, Polygon, Rectangle
 
 from agentd.figures.style import GREY, INK, RED, agent_style, flies, heading
 from dcf_zenoh.plant import Array
-from dcf_zenoh.run import Run
+from dcf_zenoh.records.run import Run
 
 _COLUMNS = 3
 _OBSTACLE: Any = {"facecolor": "#dddddd", "edgecolor": GREY, "hatch": "///", "linewidth": 0.9}

@@ -1,10 +1,10 @@
 """Cooperative predictive control by consensus ADMM over the edges of the graph."""
 
 from dcf_zenoh.algorithms.algorithm import Dialogue, Me, Result
-from dcf_zenoh.algorithms.copies import Copies
-from dcf_zenoh.algorithms.coupling import gather, local_problem
-from dcf_zenoh.algorithms.local_qp import LocalQP
 from dcf_zenoh.algorithms.needs import Fraction, needs
+from dcf_zenoh.algorithms.shared.coupling import gather, local_problem
+from dcf_zenoh.algorithms.shared.edge_copies import Copies
+from dcf_zenoh.algorithms.shared.local_qp import LocalQP
 from dcf_zenoh.problems.problem import CoupledGame
 from dcf_zenoh.spec import PositiveFloat
 

@@ -3,8 +3,8 @@
 import numpy as np
 
 from dcf_zenoh.algorithms.algorithm import Dialogue, Me, PerNeighbour, Result
-from dcf_zenoh.algorithms.mean_tracker import MeanTracker
 from dcf_zenoh.algorithms.needs import Fraction, needs
+from dcf_zenoh.algorithms.shared.mean_tracker import MeanTracker
 from dcf_zenoh.problems.problem import ConsensusProblem
 from dcf_zenoh.spec import PositiveFloat
 

@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from dcf_zenoh.errors import AlgorithmError
 from dcf_zenoh.graph import Neighbourhood
-from dcf_zenoh.messaging.message import Payload
+from dcf_zenoh.message import Payload
 from dcf_zenoh.plant import Array, read_only
 
 _NONE: Mapping[str, Any] = MappingProxyType({})

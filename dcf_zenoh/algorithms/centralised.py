@@ -5,7 +5,7 @@ import numpy as np
 from dcf_zenoh.algorithms.algorithm import Dialogue, Me, Result
 from dcf_zenoh.algorithms.needs import needs
 from dcf_zenoh.errors import AlgorithmError
-from dcf_zenoh.messaging.message import Value
+from dcf_zenoh.message import Value
 from dcf_zenoh.plant import Array
 from dcf_zenoh.problems.central import solve_together
 from dcf_zenoh.problems.problem import AggregativeGame, ConsensusProblem, CoupledProblem, Game

@@ -3,10 +3,10 @@
 import numpy as np
 
 from dcf_zenoh.algorithms.algorithm import Dialogue, Me, Result
-from dcf_zenoh.algorithms.copies import Copies
-from dcf_zenoh.algorithms.coupling import gather, linearised, local_problem
-from dcf_zenoh.algorithms.local_qp import LocalQP, Solution
 from dcf_zenoh.algorithms.needs import Count, Fraction, needs
+from dcf_zenoh.algorithms.shared.coupling import gather, linearised, local_problem
+from dcf_zenoh.algorithms.shared.edge_copies import Copies
+from dcf_zenoh.algorithms.shared.local_qp import LocalQP, Solution
 from dcf_zenoh.plant import nothing
 from dcf_zenoh.problems.problem import NonlinearGame
 from dcf_zenoh.spec import PositiveFloat

@@ -12,7 +12,7 @@ import numpy as np
 
 from dcf_zenoh.algorithms.algorithm import Inbox, Me, Result
 from dcf_zenoh.algorithms.needs import Fraction, needs
-from dcf_zenoh.messaging.message import Payload
+from dcf_zenoh.message import Payload
 from dcf_zenoh.problems.problem import CoupledGame
 from dcf_zenoh.spec import PositiveFloat
 

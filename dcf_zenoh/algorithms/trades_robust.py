@@ -14,8 +14,8 @@ from collections.abc import Generator
 import numpy as np
 
 from dcf_zenoh.algorithms.algorithm import Inbox, Me, PerNeighbour, Result
-from dcf_zenoh.algorithms.mean_tracker import MeanTracker
 from dcf_zenoh.algorithms.needs import Fraction, needs
+from dcf_zenoh.algorithms.shared.mean_tracker import MeanTracker
 from dcf_zenoh.problems.problem import CoupledGame
 from dcf_zenoh.spec import PositiveFloat
 

@@ -8,10 +8,10 @@ import numpy as np
 from dcf_zenoh.algorithms.algorithm import Algorithm, Dialogue, Me, solve
 from dcf_zenoh.controllers.controller import Controller, Decision
 from dcf_zenoh.controllers.detour import Detour
-from dcf_zenoh.controllers.others import Others, Signed, Signs
-from dcf_zenoh.controllers.sharing import share_states
+from dcf_zenoh.controllers.fleet_states import Others, Signed, Signs
+from dcf_zenoh.controllers.flooding import share_states
 from dcf_zenoh.plant import Array, Setpoint, State
-from dcf_zenoh.problems.prediction import state_ahead
+from dcf_zenoh.problems.shared.prediction import state_ahead
 
 
 class StepProblem(Protocol):

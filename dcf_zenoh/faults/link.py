@@ -10,8 +10,8 @@ import numpy as np
 
 from dcf_zenoh.errors import DcfError, FaultError, account
 from dcf_zenoh.faults.fault import Fault
+from dcf_zenoh.message import Message
 from dcf_zenoh.messaging.delivery import Delivery
-from dcf_zenoh.messaging.message import Message
 from dcf_zenoh.requests import NEVER
 
 ALWAYS = (-inf, inf)

@@ -8,8 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from dcf_zenoh.faults.fault import Fault
+from dcf_zenoh.message import Payload, Value
 from dcf_zenoh.messaging.delivery import Delivery
-from dcf_zenoh.messaging.message import Payload, Value
 
 Change = Callable[[npt.NDArray[Any]], npt.NDArray[Any]]
 

@@ -7,8 +7,8 @@ import numpy as np
 from dcf_zenoh.faults.fault import Stage
 from dcf_zenoh.faults.limits import finite
 from dcf_zenoh.faults.payload import PayloadFault, with_payload
+from dcf_zenoh.message import Payload
 from dcf_zenoh.messaging.delivery import Delivery
-from dcf_zenoh.messaging.message import Payload
 
 
 class Tampering(PayloadFault):

@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from dcf_zenoh.messaging.message import Message, encode
+from dcf_zenoh.message import Message, encode
 
 
 class Delivery(NamedTuple):

@@ -4,8 +4,8 @@ from bisect import insort
 from collections import deque
 from collections.abc import Iterable
 
+from dcf_zenoh.message import Last, Message
 from dcf_zenoh.messaging.delivery import Delivery
-from dcf_zenoh.messaging.message import Last, Message
 from dcf_zenoh.requests import NEVER
 
 _new = tuple.__new__  # makes a named tuple in two thirds of the time

@@ -28,8 +28,8 @@ from zenoh.handlers import FifoChannel
 
 from dcf_zenoh.errors import MessageError, NetworkError, NotReady
 from dcf_zenoh.graph import Neighbourhood
-from dcf_zenoh.messaging.hello import ClockOffset, Hello, Meeting
-from dcf_zenoh.messaging.message import Message, decode, encode
+from dcf_zenoh.message import Message, decode, encode
+from dcf_zenoh.messaging.handshake import ClockOffset, Hello, Meeting
 from dcf_zenoh.messaging.waker import Waker
 
 HELLO_PERIOD = 0.02  # s between hellos to a neighbour that has not answered

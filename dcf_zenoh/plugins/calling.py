@@ -4,7 +4,7 @@ import functools
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from dcf_zenoh.configuration.wording import listed, nearest, reason
+from dcf_zenoh.diagnostics import listed, nearest, reason
 from dcf_zenoh.errors import PluginError
 from dcf_zenoh.plugins.loading import Plugin
 from dcf_zenoh.plugins.schema import accepted, name_of, signature_of

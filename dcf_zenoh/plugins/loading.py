@@ -8,7 +8,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, cast
 
-from dcf_zenoh.configuration.wording import listed, nearest, reason
+from dcf_zenoh.diagnostics import listed, nearest, reason
 from dcf_zenoh.errors import PluginError
 from dcf_zenoh.plugins.plugin_file import import_file, split
 

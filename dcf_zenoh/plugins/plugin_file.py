@@ -10,7 +10,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, cast
 
-from dcf_zenoh.configuration.wording import listed, nearest, reason
+from dcf_zenoh.diagnostics import listed, nearest, reason
 from dcf_zenoh.errors import PluginError
 from dcf_zenoh.plugins.schema import REQUIRED, Parameter, Schema
 

@@ -12,7 +12,7 @@ from typing import Annotated, Any, Union, get_args, get_origin
 import numpy as np
 from pydantic import PlainValidator, PydanticSchemaGenerationError, TypeAdapter, ValidationError
 
-from dcf_zenoh.configuration.wording import expected, show, unknown_key
+from dcf_zenoh.diagnostics import expected, show, unknown_key
 from dcf_zenoh.errors import PluginError
 from dcf_zenoh.plant import Array, read_only
 

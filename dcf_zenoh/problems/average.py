@@ -3,9 +3,9 @@
 import numpy as np
 
 from dcf_zenoh.plant import Array, State, read_only
-from dcf_zenoh.problems.box import Box
 from dcf_zenoh.problems.problem import ConsensusProblem, MeanProblem
 from dcf_zenoh.problems.share import Share
+from dcf_zenoh.problems.shared.box import Box
 
 
 class Average(MeanProblem, ConsensusProblem):

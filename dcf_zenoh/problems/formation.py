@@ -5,10 +5,10 @@ from collections.abc import Mapping
 import numpy as np
 
 from dcf_zenoh.plant import Array, Setpoint, State, read_only
-from dcf_zenoh.problems.approach import Approach
 from dcf_zenoh.problems.average import Average
 from dcf_zenoh.problems.problem import ConsensusProblem, MeanProblem
 from dcf_zenoh.problems.share import Share
+from dcf_zenoh.problems.shared.approach import Approach
 
 
 class Formation:

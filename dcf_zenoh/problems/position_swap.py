@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from dcf_zenoh.plant import Array, Setpoint, State, read_only
-from dcf_zenoh.problems.diamond import SAME_COORDINATE, Obstacle, barrier, side
-from dcf_zenoh.problems.prediction import Prediction, state_ahead
 from dcf_zenoh.problems.problem import CoupledGame
 from dcf_zenoh.problems.share import Share
+from dcf_zenoh.problems.shared.diamond import SAME_COORDINATE, Obstacle, barrier, side
+from dcf_zenoh.problems.shared.prediction import Prediction, state_ahead
 from dcf_zenoh.spec import NonNegativeFloat
 
 _NO_SIGNS: Mapping[tuple[int, int], Array] = MappingProxyType({})

@@ -3,9 +3,9 @@
 import numpy as np
 
 from dcf_zenoh.plant import Array
-from dcf_zenoh.problems.box import Bound, Box, positive, vector
 from dcf_zenoh.problems.problem import ConsensusProblem
 from dcf_zenoh.problems.share import Share
+from dcf_zenoh.problems.shared.box import Bound, Box, positive, vector
 
 
 class Quadratic(ConsensusProblem):

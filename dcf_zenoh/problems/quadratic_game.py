@@ -3,9 +3,9 @@
 import numpy as np
 
 from dcf_zenoh.plant import Array
-from dcf_zenoh.problems.box import Box, vector
 from dcf_zenoh.problems.problem import Game
 from dcf_zenoh.problems.share import Share
+from dcf_zenoh.problems.shared.box import Box, vector
 
 
 class QuadraticGame(Game):

@@ -6,7 +6,7 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from dcf_zenoh.messaging.message import Payload, Value
+from dcf_zenoh.message import Payload, Value
 from dcf_zenoh.plant import Array, nothing
 
 

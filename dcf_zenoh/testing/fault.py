@@ -6,8 +6,8 @@ from copy import deepcopy
 import numpy as np
 
 from dcf_zenoh.faults.fault import Fault, Stage
+from dcf_zenoh.message import Last, Message, Payload, canonical
 from dcf_zenoh.messaging.delivery import Delivery
-from dcf_zenoh.messaging.message import Last, Message, Payload, canonical
 from dcf_zenoh.testing.equality import same_payload
 
 

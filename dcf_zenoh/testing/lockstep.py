@@ -7,7 +7,7 @@ import numpy as np
 
 from dcf_zenoh.algorithms.algorithm import Algorithm, Dialogue, Inbox, Me, PerNeighbour, Result
 from dcf_zenoh.graph import WEIGHTS, Graph, Neighbourhood
-from dcf_zenoh.messaging.message import Payload, canonical
+from dcf_zenoh.message import Payload, canonical
 
 T = TypeVar("T")
 Delay: TypeAlias = Callable[[int, int, int], int | None]  # sender, receiver, round -> rounds on the way; None: lost

@@ -26,8 +26,8 @@ from dcf_zenoh.graph import Graph
 from dcf_zenoh.plant import Array
 from dcf_zenoh.plugins import load
 from dcf_zenoh.problems.quadratic import Quadratic
-from dcf_zenoh.run import Run
-from dcf_zenoh.talk import RoundRecord
+from dcf_zenoh.records.run import Run
+from dcf_zenoh.rounds.dialogue import RoundRecord
 from dcf_zenoh.testing import fleet_of, lockstep
 
 DOCS = Path(__file__).resolve().parents[1]

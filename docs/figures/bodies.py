@@ -17,10 +17,10 @@ from pictures import draw
 from agentd.figures.style import BLUE, GREEN, GREY, ORANGE
 from agentd.figures.trajectories import draw_paths, limits, paths_key
 from dcf_zenoh import simulate
-from dcf_zenoh.metrics import overshoot
+from dcf_zenoh.analysis.metrics import overshoot
 from dcf_zenoh.plant import Array, Setpoint
-from dcf_zenoh.run import Run
-from plants.crazyflie import Crazyflie
+from dcf_zenoh.records.run import Run
+from plants.crazyflie.simulated import Crazyflie
 
 Reference = Literal["velocity", "planned", "integrated", "position"]
 REFERENCES: tuple[Reference, ...] = ("velocity", "planned", "integrated", "position")

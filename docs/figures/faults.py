@@ -28,11 +28,11 @@ from dcf_zenoh.faults.loss import Loss
 from dcf_zenoh.faults.noise import Noise
 from dcf_zenoh.faults.quantisation import Quantisation
 from dcf_zenoh.faults.tampering import Tampering
+from dcf_zenoh.message import Last, Message, canonical
 from dcf_zenoh.messaging.delivery import Delivery
-from dcf_zenoh.messaging.message import Last, Message, canonical
 from dcf_zenoh.plant import Array
-from dcf_zenoh.reception import Passed
-from dcf_zenoh.run import Run
+from dcf_zenoh.records.run import Run
+from dcf_zenoh.rounds.receiver import Passed
 
 MS = 1_000_000  # ns
 SEED = 32

@@ -4,8 +4,8 @@ from pathlib import Path
 import pytest
 
 from agentd.cli import main
-from tests.command_line import Answer
-from tests.daemons import TRIO
+from tests.support.command_line import Answer
+from tests.support.daemons import TRIO
 
 
 @pytest.fixture

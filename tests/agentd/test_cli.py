@@ -15,8 +15,8 @@ from agentd.cli import main
 from dcf_zenoh import Run
 from dcf_zenoh.config import load
 from dcf_zenoh.plugins import known
-from tests.command_line import Answer
-from tests.daemons import TRIO
+from tests.support.command_line import Answer
+from tests.support.daemons import TRIO
 
 KEYS = {
     "fleet", "run", "clock", "plant", "topology", "agents", "steps", "arrived", "arrival_time", "min_barrier",
@@ -362,7 +362,7 @@ def test_report_names_the_figures_it_draws(flown: Path, tmp_path: Path, agentd: 
 
 def test_a_daemon_imports_nothing_heavy_that_its_fleet_does_not_use() -> None:
     """The built-in position swap has tables for algorithms with OSQP and for plants with numba and cflib."""
-    words = ["agentd.commands", "agentd.daemon", "agentd.runner"]
+    words = ["agentd.commands", "agentd.daemon.daemon", "agentd.daemon.runner"]
     code = (
         f"import sys, {', '.join(words)}; from dcf_zenoh.config import load; load('position_swap', unused=False);"
         "print(*sorted({'scipy', 'osqp', 'rich', 'matplotlib', 'networkx', 'numba', 'cflib'} & sys.modules.keys()))"

@@ -2,8 +2,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.blimp import BLIMP
-from tests.fleet_files import FLEET, MINE
+from tests.support.blimp import BLIMP
+from tests.support.fleet_files import FLEET, MINE
 
 
 @pytest.fixture

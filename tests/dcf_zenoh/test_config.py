@@ -2,7 +2,7 @@ from pathlib import Path
 
 from dcf_zenoh.config import load
 from dcf_zenoh.spec import Kind
-from tests.fleet_files import edit, problems
+from tests.support.fleet_files import edit, problems
 
 
 def test_built_in_fleet_is_found_by_name() -> None:

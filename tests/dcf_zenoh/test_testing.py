@@ -15,7 +15,7 @@ from dcf_zenoh.plant import NoPlant, Plant, Setpoint, State
 from dcf_zenoh.problems.average import Average
 from dcf_zenoh.testing import check_algorithm, check_plant
 from plants.point_mass import PointMass
-from tests.references import Reference
+from tests.support.references import Reference
 from topologies.complete import complete
 from topologies.ring import ring
 

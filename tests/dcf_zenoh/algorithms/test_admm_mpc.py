@@ -10,17 +10,17 @@ import pytest
 import dcf_zenoh
 from dcf_zenoh.algorithms.admm_mpc import admm_mpc
 from dcf_zenoh.algorithms.algorithm import Dialogue, Me, Result
+from dcf_zenoh.analysis.oracle import consult
 from dcf_zenoh.errors import AlgorithmError
 from dcf_zenoh.graph import Graph
-from dcf_zenoh.oracle import consult
 from dcf_zenoh.plant import Array
 from dcf_zenoh.problems.central import solve_together
 from dcf_zenoh.problems.position_swap import PositionSwap, SwapGame
 from dcf_zenoh.problems.share import Share
 from dcf_zenoh.testing import fleet_of, lockstep, lossy
-from tests.answers import AGENTS, TOPOLOGIES, cournot, course, each, graph, quadratic
-from tests.references import Reference
-from tests.swaps import SAMPLE_TIME, moment
+from tests.support.answers import AGENTS, TOPOLOGIES, cournot, course, each, graph, quadratic
+from tests.support.references import Reference
+from tests.support.swaps import SAMPLE_TIME, moment
 from topologies.ring import ring
 
 POTENTIAL = ("n4_complete_start", "n4_line_agg", "n4_star_boxactive")

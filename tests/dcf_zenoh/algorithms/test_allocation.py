@@ -8,7 +8,7 @@ from dcf_zenoh.algorithms.dual_subgradient import dual_subgradient
 from dcf_zenoh.algorithms.tracking_admm import tracking_admm
 from dcf_zenoh.plant import Array
 from dcf_zenoh.problems.resource_allocation import ResourceAllocation
-from tests.answers import TOPOLOGIES, Problems, allocation, course, each, graph, random_graph
+from tests.support.answers import TOPOLOGIES, Problems, allocation, course, each, graph, random_graph
 
 ANSWER = each(4.0, 3.0, 1.5, 1.5)
 

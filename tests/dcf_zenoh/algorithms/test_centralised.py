@@ -14,7 +14,7 @@ from dcf_zenoh.problems.quadratic import Quadratic
 from dcf_zenoh.problems.resource_allocation import ResourceAllocation
 from dcf_zenoh.problems.share import Share
 from dcf_zenoh.testing import fleet_of, lockstep, lossy
-from tests.answers import (
+from tests.support.answers import (
     AGENTS,
     TOPOLOGIES,
     Problems,
@@ -28,7 +28,7 @@ from tests.answers import (
     quadratic,
     two_players,
 )
-from tests.references import INSTANCES, Reference
+from tests.support.references import INSTANCES, Reference
 from topologies.ring import ring
 
 KNOWN: dict[str, tuple[Problems, dict[int, Array]]] = {

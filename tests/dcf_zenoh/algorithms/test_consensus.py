@@ -17,7 +17,7 @@ from dcf_zenoh.algorithms.push_pull import push_pull
 from dcf_zenoh.algorithms.subgradient import subgradient
 from dcf_zenoh.graph import Graph, metropolis
 from dcf_zenoh.testing import lossy
-from tests.answers import (
+from tests.support.answers import (
     AGENTS,
     TOPOLOGIES,
     course,

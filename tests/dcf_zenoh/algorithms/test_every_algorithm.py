@@ -10,9 +10,9 @@ from dcf_zenoh.algorithms.needs import needs_of
 from dcf_zenoh.plugins import known, load
 from dcf_zenoh.problems.average import Average
 from dcf_zenoh.testing import check_algorithm
-from tests.answers import AGENTS, Problems, allocation, cournot, graph, quadratic
-from tests.references import Reference
-from tests.swaps import distance_moment
+from tests.support.answers import AGENTS, Problems, allocation, cournot, graph, quadratic
+from tests.support.references import Reference
+from tests.support.swaps import distance_moment
 
 
 def values() -> Problems:

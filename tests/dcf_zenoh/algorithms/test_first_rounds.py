@@ -26,7 +26,7 @@ from dcf_zenoh.graph import metropolis
 from dcf_zenoh.plant import Array
 from dcf_zenoh.problems.average import Average
 from dcf_zenoh.testing import fleet_of, in_time, lockstep
-from tests.answers import AGENTS, Problems, allocation, cournot, graph, quadratic
+from tests.support.answers import AGENTS, Problems, allocation, cournot, graph, quadratic
 
 PATH = graph("path")
 W, ONE = metropolis(PATH), np.eye(4)

@@ -18,7 +18,7 @@ from dcf_zenoh.plant import Array
 from dcf_zenoh.problems.cournot import Cournot
 from dcf_zenoh.problems.quadratic_game import QuadraticGame
 from dcf_zenoh.testing import fleet_of, lockstep, lossy
-from tests.answers import TOPOLOGIES, Problems, cournot, course, each, graph, random_graph, two_players
+from tests.support.answers import TOPOLOGIES, Problems, cournot, course, each, graph, random_graph, two_players
 from topologies.complete import complete
 
 NASH, CAPPED = each(3.0, 2.0, 1.0, 0.0), each(7 / 3, 4 / 3, 1 / 3, 0.0)

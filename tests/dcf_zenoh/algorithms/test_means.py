@@ -11,7 +11,7 @@ from dcf_zenoh.graph import Graph, metropolis
 from dcf_zenoh.plant import Array
 from dcf_zenoh.problems.average import Average
 from dcf_zenoh.testing import fleet_of, lockstep, lossy
-from tests.answers import TOPOLOGIES, Problems, course, everywhere, graph, random_graph
+from tests.support.answers import TOPOLOGIES, Problems, course, everywhere, graph, random_graph
 from topologies.ring import ring
 
 FIVE = (1, 2, 3, 4, 5)

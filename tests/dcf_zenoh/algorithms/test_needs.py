@@ -23,7 +23,7 @@ from dcf_zenoh.problems.problem import ConsensusProblem
 from dcf_zenoh.problems.resource_allocation import ResourceAllocation
 from dcf_zenoh.spec import PositiveFloat
 from dcf_zenoh.testing import fleet_of, lockstep
-from tests.answers import AGENTS, Problems, allocation, cournot, graph, median, quadratic
+from tests.support.answers import AGENTS, Problems, allocation, cournot, graph, median, quadratic
 from topologies.ring import ring
 
 DIRECTED = Graph.of(AGENTS, ring(AGENTS, directed=True))

@@ -9,7 +9,7 @@ from dcf_zenoh.plant import Array
 from dcf_zenoh.plugins import load
 from dcf_zenoh.problems.average import Average
 from dcf_zenoh.testing import fleet_of, lockstep
-from tests.answers import TOPOLOGIES, Problems, allocation, cournot, each, everywhere, graph, quadratic
+from tests.support.answers import TOPOLOGIES, Problems, allocation, cournot, each, everywhere, graph, quadratic
 
 Case = tuple[Callable[[], Problems], dict[int, Array]]
 

@@ -8,17 +8,17 @@ import pytest
 
 import dcf_zenoh
 from dcf_zenoh.algorithms.sqp_admm import sqp_admm
+from dcf_zenoh.analysis.oracle import consult
 from dcf_zenoh.errors import AlgorithmError
 from dcf_zenoh.graph import Graph
-from dcf_zenoh.oracle import consult
 from dcf_zenoh.plant import Array
 from dcf_zenoh.problems.central import solve_together
 from dcf_zenoh.problems.distance_swap import DistanceSwap
 from dcf_zenoh.problems.problem import NonlinearGame
 from dcf_zenoh.problems.share import Share
 from dcf_zenoh.testing import check_problem, fleet_of, lockstep, lossy
-from tests.answers import AGENTS, TOPOLOGIES, Problems, cournot, course, graph
-from tests.swaps import SAMPLE_TIME, distance_moment, together
+from tests.support.answers import AGENTS, TOPOLOGIES, Problems, cournot, course, graph
+from tests.support.swaps import SAMPLE_TIME, distance_moment, together
 from topologies.ring import ring
 
 

@@ -11,7 +11,7 @@ from dcf_zenoh.graph import Graph
 from dcf_zenoh.plant import Array, Setpoint, State
 from dcf_zenoh.problems.position_swap import PositionSwap
 from dcf_zenoh.testing import converse, fleet_of
-from tests.closed_loop import fly
+from tests.support.closed_loop import fly
 
 PAIR = Graph.of((1, 2), [(1, 2), (2, 1)])
 PLAN = np.arange(6.0) / 10
@@ -114,7 +114,7 @@ def test_times_below_zero_are_refused(option: str) -> None:
         RecedingHorizon(Plain(), planned, fleet_of(PAIR)[1], 0.2, **{option: -0.1})  # type: ignore[arg-type]
 
 
-# tests/test_robust_swap.py flies many seeds in the simulator; here is what it does not fly.
+# tests/system/test_robust_swap.py flies many seeds in the simulator; here is what it does not fly.
 
 
 @pytest.mark.parametrize("steps", [3, 5])  # 1 s is longer than it takes to count as lost

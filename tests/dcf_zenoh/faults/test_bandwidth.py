@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from dcf_zenoh.faults.bandwidth import Bandwidth
 from dcf_zenoh.messaging.delivery import Delivery
-from tests.deliveries import MANY, MS, S, alone, delivery, padded
+from tests.support.deliveries import MANY, MS, S, alone, delivery, padded
 
 traffic = st.lists(st.tuples(st.sampled_from([0, 0, 1, 1000, 5 * MS, 40 * MS]), st.integers(0, 400)), max_size=60)
 rates = st.one_of(st.integers(100, 10**8).map(float), st.floats(100, 1e8))

@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 
 from dcf_zenoh.faults.bursts import Bursts
-from tests.deliveries import CONFIDENCE, MANY, Z, convey, link, lost
+from tests.support.deliveries import CONFIDENCE, MANY, Z, convey, link, lost
 
 
 def share(p: float, r: float, loss_good: float = 0.0, loss_bad: float = 1.0) -> tuple[float, float]:

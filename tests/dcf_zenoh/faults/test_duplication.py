@@ -3,7 +3,7 @@ from math import sqrt
 import pytest
 
 from dcf_zenoh.faults.duplication import Duplication
-from tests.deliveries import MANY, MS, Z, alone, convey, delivery, link
+from tests.support.deliveries import MANY, MS, Z, alone, convey, delivery, link
 
 
 def test_a_certain_duplicate_comes_after_the_first() -> None:

@@ -11,7 +11,7 @@ from scipy import stats
 
 from dcf_zenoh.faults.latency import Latency
 from dcf_zenoh.faults.profile import LinkProfile, write_profile
-from tests.deliveries import CONFIDENCE, MS, S, alone, convey, delivery, latencies, link
+from tests.support.deliveries import CONFIDENCE, MS, S, alone, convey, delivery, latencies, link
 
 FAST = (0.010, 0.012, 0.013, 0.02, 0.05)
 SLOW = (0.100, 0.150, 0.3)

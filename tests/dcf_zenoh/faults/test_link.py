@@ -21,7 +21,7 @@ from dcf_zenoh.faults.noise import Noise
 from dcf_zenoh.faults.quantisation import Quantisation
 from dcf_zenoh.faults.tampering import Tampering
 from dcf_zenoh.messaging.delivery import Delivery
-from tests.deliveries import HERE, MS, convey, delivery, latencies, link, lost
+from tests.support.deliveries import HERE, MS, convey, delivery, latencies, link, lost
 
 
 class Draw(Fault):

@@ -4,7 +4,7 @@ from math import nan, sqrt
 import pytest
 
 from dcf_zenoh.faults.loss import Loss
-from tests.deliveries import MANY, Z, convey, link, lost
+from tests.support.deliveries import MANY, Z, convey, link, lost
 
 
 def test_total_loss_drops_every_message() -> None:

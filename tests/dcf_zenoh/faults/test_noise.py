@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 
 from dcf_zenoh.faults.noise import Noise
-from tests.deliveries import CONFIDENCE, Z, alone, convey, delivery, link
+from tests.support.deliveries import CONFIDENCE, Z, alone, convey, delivery, link
 
 
 def test_noise_is_gaussian_and_independent() -> None:

@@ -1,7 +1,7 @@
 import pytest
 
 from dcf_zenoh.faults.partition import Partition
-from tests.deliveries import alone, delivery
+from tests.support.deliveries import alone, delivery
 
 GROUPS = ((1, 2), (3, 4), (5,))
 

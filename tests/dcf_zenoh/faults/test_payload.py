@@ -6,7 +6,7 @@ from dcf_zenoh.faults.noise import Noise
 from dcf_zenoh.faults.payload import PayloadFault
 from dcf_zenoh.faults.quantisation import Quantisation
 from dcf_zenoh.faults.tampering import Tampering
-from tests.deliveries import alone, delivery, link
+from tests.support.deliveries import alone, delivery, link
 
 Make = Callable[[tuple[str, ...]], PayloadFault]
 KINDS: dict[str, Make] = {

@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dcf_zenoh.faults.quantisation import Quantisation
-from tests.deliveries import alone, delivery
+from tests.support.deliveries import alone, delivery
 
 
 @given(st.floats(-1e6, 1e6), st.floats(1e-3, 1e3))

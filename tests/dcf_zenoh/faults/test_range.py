@@ -2,7 +2,7 @@ import pytest
 
 from dcf_zenoh.errors import ConfigurationError
 from dcf_zenoh.faults.range import Range
-from tests.deliveries import alone, delivery
+from tests.support.deliveries import alone, delivery
 
 
 @pytest.mark.parametrize(

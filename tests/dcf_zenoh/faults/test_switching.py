@@ -10,9 +10,9 @@ import agentd.fleets
 import dcf_zenoh
 from dcf_zenoh.faults.fault import Fault
 from dcf_zenoh.faults.switching import Pairs, Switching
+from dcf_zenoh.message import Last, Message
 from dcf_zenoh.messaging.delivery import Delivery
-from dcf_zenoh.messaging.message import Last, Message
-from tests.fleet_files import problems
+from tests.support.fleet_files import problems
 
 ALTERNATING: tuple[Pairs, ...] = (((1, 2), (3, 4)), ((2, 3),))
 SETTING = [

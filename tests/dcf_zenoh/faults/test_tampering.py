@@ -5,8 +5,8 @@ import pytest
 
 from dcf_zenoh.faults.fault import Stage
 from dcf_zenoh.faults.tampering import Tampering
-from dcf_zenoh.messaging.message import Payload
-from tests.deliveries import alone, delivery
+from dcf_zenoh.message import Payload
+from tests.support.deliveries import alone, delivery
 
 
 def said(fault: Tampering, **payload: object) -> Payload:

@@ -1,7 +1,7 @@
 import random
 
+from dcf_zenoh.message import Last, Message
 from dcf_zenoh.messaging.mailbox import Mailbox
-from dcf_zenoh.messaging.message import Last, Message
 from dcf_zenoh.requests import NEVER
 
 

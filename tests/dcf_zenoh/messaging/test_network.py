@@ -18,8 +18,8 @@ import dcf_zenoh
 from dcf_zenoh import Run
 from dcf_zenoh.errors import NetworkError, NotReady
 from dcf_zenoh.graph import Neighbourhood
-from dcf_zenoh.messaging.hello import ClockOffset
-from dcf_zenoh.messaging.message import BYTES_MAX, VERSION, Last, Message, encode
+from dcf_zenoh.message import BYTES_MAX, VERSION, Last, Message, encode
+from dcf_zenoh.messaging.handshake import ClockOffset
 from dcf_zenoh.messaging.network import (
     CHANNEL_SIZE,
     Address,
@@ -29,7 +29,9 @@ from dcf_zenoh.messaging.network import (
     Stop,
     endpoints_to_connect,
 )
-from tests.daemons import TRIO, Launch, until
+from tests.support.daemons import TRIO, Launch, until
+
+pytestmark = pytest.mark.real_time
 
 PREFIX = "dcf/test/run"
 LINKS = {1: [2], 2: [1]}  # agent -> whom it hears

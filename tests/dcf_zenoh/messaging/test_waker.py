@@ -11,6 +11,8 @@ import pytest
 
 from dcf_zenoh.messaging.waker import Waker
 
+pytestmark = pytest.mark.real_time
+
 PATIENCE = 5.0  # s after which a wake-up counts as missed
 
 

@@ -8,7 +8,7 @@ from dcf_zenoh.plugins import (
     load,
     peek,
 )
-from tests.blimp import BLIMP
+from tests.support.blimp import BLIMP
 
 
 def refusal(group: str, kind: str, folder: Path) -> str:

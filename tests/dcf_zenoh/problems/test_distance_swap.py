@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from dcf_zenoh.plant import Array, State
-from dcf_zenoh.problems.diamond import barrier
 from dcf_zenoh.problems.distance_swap import ASIDE, DistanceSwap, clearance
+from dcf_zenoh.problems.shared.diamond import barrier
 
 AGENTS, RADII = (1, 2, 5), np.array([0.5, 0.25])
 PLACES = {1: (0.0, 1.0), 2: (0.3, -1.0), 5: (1.0, 0.2)}

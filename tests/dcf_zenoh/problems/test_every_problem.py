@@ -21,7 +21,7 @@ from dcf_zenoh.problems.rendezvous import Rendezvous
 from dcf_zenoh.problems.resource_allocation import ResourceAllocation
 from dcf_zenoh.problems.share import Share
 from dcf_zenoh.testing import check_problem
-from tests.references import Reference
+from tests.support.references import Reference
 
 THREE = (1, 2, 5)
 STATES = {2: np.array([1.0, -2.0, 0.3, 0.1])}

@@ -7,11 +7,11 @@ import pytest
 
 import dcf_zenoh
 from dcf_zenoh.plant import State
-from dcf_zenoh.problems.approach import Approach
 from dcf_zenoh.problems.formation import Formation
 from dcf_zenoh.problems.rendezvous import Rendezvous
+from dcf_zenoh.problems.shared.approach import Approach
 from plants.point_mass import PointMass
-from tests.fleet_files import problems
+from tests.support.fleet_files import problems
 
 OFFSETS = np.array([[0.5, 0.5], [-0.5, -0.5], [0.5, -0.5], [-0.5, 0.5]])
 MEAN = np.array([0.5, 0.0])  # of the starts in rendezvous.toml, below

@@ -8,7 +8,7 @@ import pytest
 import dcf_zenoh
 from dcf_zenoh.config import load
 from dcf_zenoh.errors import ConfigurationError
-from dcf_zenoh.run import Run
+from dcf_zenoh.records.run import Run
 
 AROUND = "position_swap_obstacles"
 

@@ -1,0 +1,233 @@
+"""One agent as a process of its own: the only place that joins plant, controller, network and clock."""
+
+import hashlib
+import json
+import logging
+import os
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TextIO
+
+from agentd.daemon.operator_protocol import HALT, Control, changes_in
+from agentd.daemon.runner import await_goodbyes, run_virtual, run_wall, spare_collector
+from agentd.daemon.stop_requests import EmergencyStop, listening
+from dcf_zenoh.assembly import AgentParts, Blueprint, LastLife
+from dcf_zenoh.config import LoadedFleet, to_toml
+from dcf_zenoh.errors import NetworkError, RecordingError
+from dcf_zenoh.loop.agent import Ending
+from dcf_zenoh.message import VERSION, Last
+from dcf_zenoh.messaging.handshake import ClockOffset
+from dcf_zenoh.messaging.network import Address, Agreed, Network, Stop, endpoints_to_connect
+from dcf_zenoh.plant import State, read_only
+from dcf_zenoh.records.agent_log import AgentLog
+from dcf_zenoh.records.writer import StepRecord, log_name, open_log
+from dcf_zenoh.requests import Report
+from dcf_zenoh.spec import FleetSpec
+
+log = logging.getLogger(__name__)
+GOODBYE_TIMEOUT = 2.0  # s to wait for the neighbours' goodbyes
+HELD_UP = 0.5  # s that sending may wait for a neighbour that takes nothing, on the wall clock
+CLOCK_OFFSET_MAX = 0.02  # s between two machines on the wall clock
+
+
+@dataclass(frozen=True)
+class Assignment:
+    """What a daemon has to know beside the fleet file.
+
+    Attributes:
+        agent: Which agent it is.
+        run: Name of the run; part of all keys.
+        folder: The run directory.
+        endpoints: Where every agent listens.
+        rejoin: The fleet is under way, and this agent was in it before.
+        status: Where a launcher reads status lines, whose end closes standard input; None: nobody launched this one.
+        agreed: A person has agreed to the take-off.
+    """
+
+    agent: int
+    run: str
+    folder: Path
+    endpoints: dict[int, str]
+    rejoin: bool = False
+    status: TextIO | None = None
+    agreed: bool = False
+
+
+def fingerprint(fleet: LoadedFleet) -> str:
+    """A short hash of all that must be the same at every agent: protocol, resolved fleet, plug-in files."""
+    total = hashlib.sha256(f"{VERSION}\n{to_toml(fleet.spec)}".encode())
+    plugins = fleet.folder / "plugins.json"
+    if plugins.is_file():
+        total.update(plugins.read_bytes())
+    return total.hexdigest()[:16]
+
+
+def run_agent(fleet: LoadedFleet, task: Assignment) -> Last:
+    """Run one agent to its planned end.
+
+    Raises:
+        DcfError: Whatever ended it before its time.
+    """
+    blueprint = Blueprint.of(fleet)
+    hood = blueprint.hood(task.agent)
+    linked = sorted({*hood.receives_from, *hood.sends_to})
+    address = Address(
+        prefix=f"dcf/{fleet.spec.name}/{task.run}",
+        listen=task.endpoints[task.agent],
+        connect=endpoints_to_connect(task.agent, linked, task.endpoints),
+        settings=fleet.spec.zenoh.settings,
+        patience=HELD_UP if fleet.spec.time.clock == "wall" else fleet.spec.zenoh.silence_timeout,
+    )
+    life = last_life(fleet.spec, task.folder, task.agent) if task.rejoin else None
+    incarnation = life.incarnation if life else 0
+    emergency = EmergencyStop()
+    with (
+        open_log(task.folder, task.agent, again=task.rejoin) as stream,
+        Network(task.agent, hood, address, lambda request: emergency.pull() if request == HALT else None) as network,
+        listening(network, emergency, supervised=task.status is not None),
+    ):
+        if task.agreed:
+            network.notify(Agreed())
+        offsets = network.meet(fingerprint(fleet), fleet.spec.zenoh.ready_timeout, incarnation)
+        if life and not network.start:
+            raise NetworkError(f"agent {task.agent}: --rejoin: this fleet has not started yet")
+        _check_offsets(task.agent, offsets, wall=fleet.spec.time.clock == "wall")
+        about = {
+            "run": task.run,
+            "incarnation": incarnation,
+            "clock_offsets": {j: (offset.ahead, offset.error) for j, offset in offsets.items()},
+        }
+        status = Status(task.agent, task.status)
+        parts = blueprint.build(task.agent, stream, about, status.observe, life)
+        emergency.guard(parts.plant)
+        control = Control(
+            task.agent, fleet, hood.receives_from, parts.links, parts.recorder, lambda why: network.notify(Stop(why))
+        )
+        if life:
+            control.restore(changes_in(read_log(fleet.spec, task.folder, task.agent)))
+        try:
+            ending = _run(fleet, parts, network, offsets, control, status)
+        finally:
+            parts.plant.close()
+            for command in network.unanswered():
+                if command.request == HALT:  # it reached the body, and that ended the loop before the loop answered
+                    command.reply(control.obey(command.request, 0))
+    if ending.cause:
+        raise ending.cause
+    return ending.last
+
+
+def last_life(fleet: FleetSpec, folder: Path, agent: int) -> LastLife:
+    """What an agent left behind in its log.
+
+    Raises:
+        RecordingError: There is no log, or no state in it; or it is damaged, so that what was appended to it could not
+            be read.
+    """
+    log = read_log(fleet, folder, agent)
+    if log.damage:
+        raise RecordingError(f"--rejoin: {log.damage}; it cannot be continued")
+    if not len(log.state):
+        raise RecordingError(f"{folder / log_name(agent)}: --rejoin: agent {agent} has not recorded a single step")
+    half = log.state.shape[1] // 2
+    return LastLife(log.lives, State(read_only(log.state[-1, :half]), read_only(log.state[-1, half:])))
+
+
+def read_log(fleet: FleetSpec, folder: Path, agent: int) -> AgentLog:
+    """What an agent has recorded in its earlier lives.
+
+    Raises:
+        RecordingError: There is no log, it cannot be read, or it is another's.
+    """
+    try:
+        return AgentLog.load(folder, agent, fleet)
+    except RecordingError as error:
+        raise RecordingError(f"--rejoin: {error}") from error
+
+
+def claim_stdout() -> TextIO:
+    """Keep standard output for status lines; whatever else is printed, by plug-ins say, goes to standard error."""
+    stream = os.fdopen(os.dup(1), "w", encoding="utf-8")
+    os.dup2(2, 1)
+    sys.stdout = sys.stderr  # which is not buffered: what is printed comes before the error that ends it all
+    return stream
+
+
+class Status:
+    """Tells the launcher how the agent is doing: one JSON object per line.
+
+    Args:
+        agent: Id.
+        stream: Read by the launcher; None: there is none.
+    """
+
+    def __init__(self, agent: int, stream: TextIO | None) -> None:
+        self._agent = agent
+        self._stream = stream
+        self._late = 0
+
+    def observe(self, record: StepRecord) -> None:
+        """Report a finished step."""
+        self._late += record.late
+        half = len(record.state) // 2
+        self._tell(
+            step=record.step,
+            rounds=record.rounds,
+            late=self._late,
+            position=record.state[:half],
+            remark=record.remark,
+        )
+
+    def report(self, phase: Report) -> None:
+        """Report that a phase of the flight begins, and what the inspection has found."""
+        self._tell(phase=phase.phase, checks=phase.checks)
+
+    def _tell(self, **what: Any) -> None:
+        if self._stream is None:
+            return
+        try:
+            print(json.dumps({"agent": self._agent, **what}), file=self._stream, flush=True)
+        except (BrokenPipeError, ValueError):
+            self._stream = None  # nobody reads; the log has it all
+
+
+def _run(
+    fleet: LoadedFleet,
+    parts: AgentParts,
+    network: Network,
+    offsets: Mapping[int, ClockOffset],
+    control: Control,
+    status: Status,
+) -> Ending:
+    """Lead the loop to its end, and at a planned one stay until the neighbours have ended too."""
+
+    def report(phase: Report) -> None:
+        status.report(phase)
+        if phase.phase == "start":
+            spare_collector()
+
+    if fleet.spec.time.clock == "wall":
+        ending = run_wall(parts, network, offsets, control.obey, report)
+    else:
+        ending = run_virtual(parts, network, fleet.spec.zenoh.silence_timeout, fleet.spec.zenoh.ready_timeout, report)
+    if ending.cause is None:
+        await_goodbyes(parts, network, GOODBYE_TIMEOUT)
+    return ending
+
+
+def _check_offsets(agent: int, offsets: dict[int, ClockOffset], *, wall: bool) -> None:
+    """Refuse to fly on clocks that disagree.
+
+    Raises:
+        NetworkError: A neighbour's clock is too far off for a common start.
+    """
+    for j, offset in offsets.items():
+        off = abs(offset.ahead) - offset.error
+        log.info("agent %d: clock of agent %d is %+.3f ms ahead", agent, j, offset.ahead * 1e-6)
+        if wall and off > CLOCK_OFFSET_MAX * 1e9:
+            raise NetworkError(
+                f"agent {agent}: the clock of agent {j} is off by {offset.ahead * 1e-9:+.3f} s; at most"
+                f" {CLOCK_OFFSET_MAX:g} s is allowed on the wall clock: synchronise the machines (NTP, chrony)"
+            )

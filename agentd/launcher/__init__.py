@@ -1,0 +1,1 @@
+"""The launcher: daemons as child processes, terminal, run directory, preflight, emulated drones."""

@@ -1,0 +1,204 @@
+"""``agentd fault``: change the faults of a fleet that runs, show them, and export what was changed."""
+
+import sys
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from agentd.daemon.operator_protocol import Answer, Change, Clear, Done, Show, changes_in, decode_answer, encode
+from agentd.operator.fault_history import Stretch, inline, overview, plain, rules, stretches, to_toml
+from agentd.operator.query import ask
+from agentd.operator.running_fleet import Whereabouts, find_run
+from dcf_zenoh.config import graph_of
+from dcf_zenoh.configuration.checks.live_faults import check_change, check_ends, check_rules
+from dcf_zenoh.configuration.reading.overrides import value_of
+from dcf_zenoh.diagnostics import listed
+from dcf_zenoh.errors import ConfigurationError, MessageError
+from dcf_zenoh.spec import FaultRule, nanoseconds
+
+TIMEOUT = 3.0  # s for all answers
+LOOKS = ("show", "export")
+
+
+def fault(name: str, senders: str | None, receivers: str | None, words: Sequence[str]) -> int:
+    """Do what the command line says; the exit code.
+
+    Args:
+        name: Of a run directory, or of a fleet.
+        senders: Ids with commas; None: all.
+        receivers: The same.
+        words: ``clear``, ``show``, ``export``, or a fault and its values.
+
+    Raises:
+        ConfigurationError: The words are not usable, or not on this run.
+        RecordingError: There is no such run.
+        NetworkError: Zenoh cannot be opened.
+    """
+    what, *rest = words
+    if rest and what in ("clear", *LOOKS):
+        raise ConfigurationError(f"{what}: expected nothing more, not {' '.join(rest)!r}")
+    folder = find_run(name)
+    if folder != Path(name):
+        _say(f"note: the run is {folder}")
+    run = Whereabouts.read(folder)
+    ends = _ids("--from", senders), _ids("--to", receivers)
+    if what in LOOKS:
+        return _look(run, check_ends(run.fleet, *ends), what)
+    _check_changeable(run)
+    if what == "clear":
+        rule, text = check_ends(run.fleet, *ends), "as in the fleet file again"
+        requests = {j: encode(Clear(senders=found)) for j, found in _links_by_receiver(run, rule).items()}
+    else:
+        rule, notes = check_change(run.fleet, *ends, what, _value(rest))
+        for note in notes:
+            _say(f"note: {note}")
+        switch = rule.faults[what]
+        text = f"{what} = {inline(plain(what, switch))}" if switch else f"{what} off"
+        requests = {
+            j: encode(Change(senders=found, name=what, fault=switch))
+            for j, found in _links_by_receiver(run, rule).items()
+        }
+    answers, complaints = _ask(run, requests)
+    for j, answer in answers.items():
+        print(f"{listed(answer.senders)} -> {j}: {text}, from {answer.time * 1e-9:.3f} s on")
+    if complaints:
+        complaints.append(
+            f"what acts where, now or when a slow agent has caught up, tells agentd fault {run.folder} show"
+        )
+    return _complain(complaints)
+
+
+def _look(run: Whereabouts, rule: FaultRule, what: str) -> int:
+    """Show or export what was changed."""
+    wanted = _links_by_receiver(run, rule)
+    times, changes, complaints = _history(run, wanted)
+    found = [
+        each._replace(senders=senders)
+        for j, done in changes.items()
+        for each in stretches(j, done)
+        if (senders := tuple(i for i in each.senders if i in wanted[j]))
+    ]
+    if what == "show":
+        links = sorted((i, j) for j in times for i in wanted[j])
+        print(f"{run.folder}{', which is over' if run.over else ''}, at {max(times.values(), default=0) * 1e-9:.3f} s")
+        print(overview(run.fleet.spec, links, found, times))
+    elif found or not complaints:  # who does not tell may have been changed
+        _export(run, found)
+    return _complain(complaints)
+
+
+def _export(run: Whereabouts, found: Iterable[Stretch]) -> None:
+    """Print what was changed as rules; what was not ended lasts as long as the run may."""
+    spec = run.fleet.spec
+    tables = rules(found, spec.steps * spec.time.sample_time)
+    print(to_toml(tables) if tables else "# nothing was changed", end="" if tables else "\n")
+    for line in check_rules(run.fleet, tables) if tables else ():
+        _say(f"note: with these rules at the end of the fleet file: {line}")
+
+
+def _history(run: Whereabouts, agents: Iterable[int]) -> tuple[dict[int, int], dict[int, tuple[Done, ...]], list[str]]:
+    """Agent -> its time in ns, agent -> what was changed on the links to it, and who does not tell.
+
+    What an agent does not tell, its log may.
+    """
+    answers: dict[int, Answer] = {}
+    complaints: list[str] = []
+    if not run.over and run.fleet.spec.time.clock == "wall":
+        answers, complaints = _ask(run, {j: encode(Show()) for j in agents})
+    times = {j: answer.time for j, answer in answers.items()}
+    changes = {j: answer.changes for j, answer in answers.items()}
+    for j in agents:
+        if j in answers:
+            continue
+        if j not in run.logs:
+            complaints.append(run.unreadable.get(j) or f"agent {j}: there is no log of it in {run.folder}")
+            continue
+        log = run.logs[j]
+        if log.damage:
+            complaints.append(f"{log.damage}; what was changed later is not known")
+        try:
+            changes[j] = changes_in(log)
+        except MessageError as error:
+            complaints.append(f"agent {j}: its log in {run.folder}: {error}")
+            continue
+        times[j] = max(0, log.end["time"] if log.end else 0, nanoseconds(log.acted[-1]) if len(log.acted) else 0)
+    return times, changes, complaints
+
+
+def _ask(run: Whereabouts, requests: Mapping[int, bytes]) -> tuple[dict[int, Answer], list[str]]:
+    """The answers of those who did what they were asked for, and what is to be said of the others."""
+    answers, complaints = {}, []
+    found = ask(run.address, requests, TIMEOUT)
+    for j in sorted(requests):
+        if j not in found:
+            complaints.append(f"agent {j} did not answer within {TIMEOUT:g} s")
+            continue
+        try:
+            answer = decode_answer(found[j], j)
+        except MessageError as error:
+            complaints.append(f"agent {j}: {error}")
+            continue
+        if answer.error:
+            complaints += [f"agent {j}: {line}" for line in answer.error.splitlines()]
+        else:
+            answers[j] = answer
+    return answers, complaints
+
+
+def _check_changeable(run: Whereabouts) -> None:
+    """Refuse to change what cannot change.
+
+    Raises:
+        ConfigurationError: With the reason.
+    """
+    if run.fleet.spec.time.clock == "virtual":
+        raise ConfigurationError(
+            "a run in virtual time depends on its fleet file alone and cannot be changed from outside: put it into the"
+            " fleet file, as a [[faults.rule]] with from, to and during",
+            str(run.folder),
+        )
+    if run.over:
+        raise ConfigurationError("this run is over; its log can still be looked at: show, export", str(run.folder))
+
+
+def _links_by_receiver(run: Whereabouts, rule: FaultRule) -> dict[int, tuple[int, ...]]:
+    """Receiver -> senders, of the links that a rule is for."""
+    graph = graph_of(run.fleet)
+    found = {j: tuple(i for i in graph.in_neighbours(j) if rule.covers(i, j)) for j in graph.agents}
+    return {j: senders for j, senders in found.items() if senders}
+
+
+def _ids(option: str, text: str | None) -> tuple[int, ...] | None:
+    if text is None:
+        return None
+    words = text.split(",")
+    if not all(word.strip().isascii() and word.strip().isdecimal() for word in words):
+        raise ConfigurationError(f"{option}: expected ids of agents with commas, such as 1 or 1,2, not {text!r}")
+    return tuple(map(int, words))
+
+
+def _value(words: Sequence[str]) -> Any:
+    """What the words after the name of a fault say: a value, keys with values, or ``off``."""
+    if list(words) == ["off"]:
+        return False
+    table: dict[str, Any] = {}
+    for word in words:
+        key, equals, text = word.partition("=")
+        if not (equals and key.isidentifier()):
+            key, text = "value", word
+        if key in table:
+            raise ConfigurationError(
+                f"expected one value, or key=value for each key, such as mean=0.03 std=0.01; not {' '.join(words)!r}"
+            )
+        table[key] = value_of(text)
+    return table["value"] if list(table) == ["value"] else table
+
+
+def _complain(complaints: Sequence[str]) -> int:
+    for line in complaints:
+        _say(line)
+    return 1 if complaints else 0
+
+
+def _say(line: str) -> None:
+    print(f"agentd: {line}", file=sys.stderr)

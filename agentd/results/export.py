@@ -1,0 +1,135 @@
+"""A run as a file for other programs."""
+
+import csv
+import io
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+import numpy.typing as npt
+
+from dcf_zenoh.diagnostics import listed, nearest
+from dcf_zenoh.errors import ConfigurationError, RecordingError
+from dcf_zenoh.records.agent_log import AgentLog
+from dcf_zenoh.records.run import Run
+
+_MESSAGES = ("messages_received", "messages_missing", "messages_late", "messages_lost")
+_AXES = "xyz"
+
+
+def export(run: Run, fmt: str, out: Path | None = None) -> Path:
+    """Write a run into one new file. Logs of single rounds are left out.
+
+    ========  ==========================================================================================
+    ``csv``   One row per agent and step, columns named with their units where these are not SI; empty where an
+              agent has nothing of the kind, ``nan`` for what is not a number.
+    ``npz``   Arrays ``agent_<id>_<quantity>`` and ``agents``, ``sample_time``; loads without pickle.
+    ``mat``   For MATLAB: a struct ``agent_<id>`` per agent, and ``agents``, ``sample_time``, ``fleet``, ``run``.
+    ========  ==========================================================================================
+
+    The quantities are those of `AgentLog`; ``links_<id>`` holds received, missing and late messages.
+
+    Args:
+        run: The run.
+        fmt: ``csv``, ``npz`` or ``mat``.
+        out: Must not be there yet. None: the run's name, in the working directory.
+
+    Returns:
+        The file written.
+
+    Raises:
+        ConfigurationError: There is no such format.
+        RecordingError: `out` is there already, or cannot be written.
+    """
+    writers = {"csv": _csv, "npz": _npz, "mat": _mat}
+    if fmt not in writers:
+        raise ConfigurationError(f"unknown format {fmt!r}{nearest(fmt, writers)} known: {listed(writers)}")
+    out = Path(f"{run.name}.{fmt}") if out is None else out
+    try:
+        with out.open("xb") as stream:
+            writers[fmt](run, stream)
+    except FileExistsError:
+        raise RecordingError(f"{out}: is there already; choose another file with --out") from None
+    except OSError as error:
+        raise RecordingError(f"{out}: cannot be written: {error.strerror}") from error
+    return out
+
+
+def _csv(run: Run, stream: BinaryIO) -> None:
+    rows = [row for log in run.agents.values() for row in _steps(log)]
+    widest: dict[str, object] = max(rows, key=len, default={})  # in its order, then what only others have
+    names = dict.fromkeys([*widest, *(name for row in rows for name in row)])
+    text = io.TextIOWrapper(stream, encoding="utf-8", newline="", write_through=True)
+    table = csv.DictWriter(text, list(names))
+    table.writeheader()
+    table.writerows(rows)
+    text.detach()
+
+
+def _steps(log: AgentLog) -> Iterator[dict[str, object]]:
+    """One agent's rows."""
+    d = log.state.shape[1] // 2
+    state = _names(("p", "v"), d, log.state.shape[1], "state")
+    setpoint = _names(("p_set_", "v_set_", "a"), d, log.setpoint.shape[1], "setpoint")
+    decision = [f"decision_{n}" for n in range(log.decision.shape[1])]
+    links = sum(log.links.values(), np.zeros((len(log.step), 4), dtype=np.int64))
+    for k, step in enumerate(log.step.tolist()):
+        yield {
+            "agent": log.agent,
+            "step": step,
+            "sensed_s": log.sensed[k].item(),
+            **dict(zip(state, log.state[k].tolist(), strict=True)),
+            "acted_s": log.acted[k].item(),
+            **dict(zip(setpoint, log.setpoint[k].tolist(), strict=True)),
+            **dict(zip(decision, log.decision[k].tolist(), strict=True)),
+            "rounds": log.rounds[k].item(),
+            "residual": log.residual[k].item(),
+            "stopped_by": log.stopped_by[k],
+            "late": int(log.late[k]),
+            "compute_s": log.compute[k].item(),
+            "negotiation_s": log.negotiation[k].item(),
+            **dict(zip(_MESSAGES, links[k].tolist(), strict=True)),
+            "remark": log.remarks[k],
+        }
+
+
+def _names(stems: tuple[str, ...], dimensions: int, width: int, otherwise: str) -> list[str]:
+    """``px, py, vx, vy``; numbers where the width tells of something else."""
+    if width == len(stems) * dimensions <= len(stems) * len(_AXES):
+        return [stem + axis for stem in stems for axis in _AXES[:dimensions]]
+    return [f"{otherwise}_{n}" for n in range(width)]
+
+
+def _quantities(log: AgentLog) -> dict[str, npt.NDArray[Any]]:
+    """All arrays of one agent, by name."""
+    names = ("step", "sensed", "state", "acted", "setpoint", "decision", "rounds", "residual", "late", "compute",
+             "negotiation", "path")  # fmt: skip
+    arrays: dict[str, npt.NDArray[Any]] = {name: getattr(log, name) for name in names}
+    words = {"stopped_by": np.array(log.stopped_by, dtype=np.str_), "remarks": np.array(log.remarks, dtype=np.str_)}
+    return {**arrays, **words, **{f"links_{j}": counts for j, counts in log.links.items()}}
+
+
+def _common(run: Run) -> dict[str, Any]:
+    return {"agents": np.array(list(run.agents), dtype=np.int64), "sample_time": run.fleet.time.sample_time}
+
+
+def _npz(run: Run, stream: BinaryIO) -> None:
+    arrays: dict[str, Any] = {
+        f"agent_{agent}_{name}": array for agent, log in run.agents.items() for name, array in _quantities(log).items()
+    }
+    np.savez_compressed(stream, **_common(run), **arrays)
+
+
+def _mat(run: Run, stream: BinaryIO) -> None:
+    from scipy.io import savemat  # noqa: PLC0415  # slow to import, and only needed here
+
+    structs = {
+        f"agent_{agent}": {
+            name: array.astype(object) if array.dtype.kind == "U" else array  # words: a cell array
+            for name, array in _quantities(log).items()
+        }
+        for agent, log in run.agents.items()
+    }
+    content = {**_common(run), "fleet": run.fleet.name, "run": run.name, **structs}
+    savemat(stream, content, oned_as="column", do_compression=True)

@@ -1,0 +1,131 @@
+"""What links did, as rules of a fleet file that make links do it again."""
+
+import sys
+from collections.abc import Collection, Iterable, Sequence
+from itertools import groupby
+from operator import itemgetter
+from pathlib import Path
+from typing import Any, TypeAlias
+
+from agentd.operator.fault_history import short, to_toml
+from dcf_zenoh.analysis.link_health import LinkHealth
+from dcf_zenoh.config import LoadedFleet, graph_of
+from dcf_zenoh.errors import RecordingError
+from dcf_zenoh.faults.profile import write_profile
+from dcf_zenoh.graph import Graph
+from dcf_zenoh.records.run import Run
+
+_DECIMALS = 4  # of mean lengths of bursts
+_MOST_LOSS = 0.9999  # by bursts
+
+Rule: TypeAlias = dict[str, Any]
+Link: TypeAlias = tuple[int, int]
+Ids: TypeAlias = tuple[int, ...] | None
+
+
+def export_links(run: Run, health: Sequence[LinkHealth], file: Path) -> str:
+    """Write the profile of a run, say so, and give the lines with which a fleet file without faults replays it.
+
+    Args:
+        run: Where it was measured.
+        health: What was measured.
+        file: The profile, for the latencies. It is not written if there are none.
+
+    Raises:
+        RecordingError: Nothing was measured, or the file cannot be written.
+        DcfError: The topology of the run cannot be drawn.
+    """
+    profiles = [profile for each in health if (profile := each.profile)]
+    known = sum(bool(each.latencies.size or each.lost) for each in health)
+    if not known:
+        raise RecordingError(
+            f"{run.folder or run.name}: there is nothing to export: no latency or loss of any link was recorded"
+        )
+    graph = graph_of(LoadedFleet(run.fleet, run.home, run.name))
+    total = len(graph.links)
+    lines = f"\n# Links as measured in {run.fleet.name}, {run.name}.\n" + to_toml(replay_rules(health, file, graph))
+    if profiles:
+        try:
+            write_profile(file, profiles)
+        except OSError as error:
+            raise RecordingError(f"{file}: cannot be written: {error.strerror}") from error
+        _say(f"{file}: profile of {len(profiles)} of {total} links")
+        _say("a fleet file looks for it beside itself, unless its path is absolute")
+    else:
+        _say(f"{file}: not written, as no latency of any link was recorded")
+    if known < total:
+        _say(f"no rule is for {total - known} of {total} links, of which neither latency nor loss was recorded")
+    if any(rule.faults for rule in run.fleet.faults.rules):
+        _say("this run had faults of its own: put the lines in place of them")
+    return lines
+
+
+def replay_rules(health: Iterable[LinkHealth], file: Path, graph: Graph) -> list[Rule]:
+    """The rules: for each link at most one with its latency and one with its loss, none for what was not measured."""
+    delayed: list[Link] = []
+    lossy: dict[tuple[float, float], list[Link]] = {}
+    for each in health:
+        link = each.sender, each.receiver
+        if each.latencies.size:
+            delayed.append(link)
+        if each.lost:
+            lossy.setdefault(_loss(each), []).append(link)
+    rules = _rules({"latency": {"distribution": "empirical", "file": file.as_posix()}}, delayed, graph)
+    for (loss, length), links in lossy.items():
+        bursts = {"bursts": {"mean_loss": loss, "mean_length": length}}
+        rules += _rules(bursts if loss < 1 else {"loss": loss}, links, graph)
+    return rules
+
+
+def _loss(health: LinkHealth) -> tuple[float, float]:
+    """Share of lost messages and mean length of bursts; 1 and 0 where nothing came, however many there were."""
+    lost = sum(health.lost.values())
+    if lost == health.sent:
+        return 1.0, 0.0
+    length = max(health.mean_burst, lost / (health.sent - lost))  # there is at least one message between two bursts
+    length = round(max(1.0, length), _DECIMALS)
+    most = length / (1 + length) - 10**-_DECIMALS
+    return float(f"{min(health.loss, most, _MOST_LOSS):.4g}"), length
+
+
+def _rules(fault: dict[str, Any], links: Collection[Link], graph: Graph) -> list[Rule]:
+    """Rules that give a fault to just these links of a graph, once to each."""
+    return [
+        {key: short(ids) for key, ids in (("from", senders), ("to", receivers)) if ids is not None} | fault
+        for senders, receivers in _covers(links, graph)
+    ]
+
+
+def _covers(links: Collection[Link], graph: Graph) -> list[tuple[Ids, Ids]]:
+    """Senders and receivers between which there are, taken together, just these links; None: all."""
+    if set(links) == graph.links:
+        return [(None, None)]
+    by_senders = _grouped(links, graph.links)
+    by_receivers = _grouped(map(_turned, links), map(_turned, graph.links))
+    return min(by_senders, [(far, near) for near, far in by_receivers], key=_length)
+
+
+def _grouped(links: Iterable[Link], known: Iterable[Link]) -> list[tuple[Ids, Ids]]:
+    """The agents at the first ends, those together that have the same agents at the other end; None: all `known`."""
+    there = _by_first(known)
+    alike: dict[Ids, list[int]] = {}
+    for agent, others in _by_first(links).items():
+        alike.setdefault(None if others == there[agent] else others, []).append(agent)
+    return [(tuple(agents), others) for others, agents in alike.items()]
+
+
+def _length(covers: Collection[tuple[Ids, Ids]]) -> tuple[int, int]:
+    """How many rules these make, and how many ids there are in them."""
+    return len(covers), sum(len(ids or ()) for ends in covers for ids in ends)
+
+
+def _by_first(links: Iterable[Link]) -> dict[int, tuple[int, ...]]:
+    return {agent: tuple(other for _, other in group) for agent, group in groupby(sorted(links), itemgetter(0))}
+
+
+def _turned(link: Link) -> Link:
+    return link[1], link[0]
+
+
+def _say(line: str) -> None:
+    print(f"agentd: {line}", file=sys.stderr)

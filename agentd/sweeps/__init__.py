@@ -1,0 +1,1 @@
+"""Variants of a fleet run one after another or in parallel, and compared."""

@@ -1,0 +1,1 @@
+"""What is computed from recorded runs: metrics, comparison, link health, replay, explanation, central solution."""

@@ -1,0 +1,1 @@
+"""From a specification to graphs, problems, plants and chains of faults."""

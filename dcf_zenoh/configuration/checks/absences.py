@@ -1,0 +1,61 @@
+"""What the faults of agents must satisfy: crashes and pauses within the run."""
+
+from dcf_zenoh.configuration.checks.times import LONGEST
+from dcf_zenoh.diagnostics import Problems
+from dcf_zenoh.spec import FleetSpec
+
+GO_ON = ", by safety.neighbour_silent.then = 'land'; 'continue' goes on"
+
+
+def check_agents(spec: FleetSpec, problems: Problems, notes: list[str]) -> list[str]:
+    """Note what is wrong with the faults of agents.
+
+    Returns:
+        The keys of those that keep an agent from sending.
+    """
+    absences: list[str] = []
+    silent = spec.safety.neighbour_silent
+    for agent, own in spec.agents.items():
+        key, faults = f"agents.{agent}.faults", own.faults
+        gone: dict[str, float] = {}
+        if faults.crash:
+            _check_begin(spec, f"{key}.crash.at", faults.crash.at, problems)
+            back = faults.crash.restart_after
+            gone[f"{key}.crash"] = LONGEST if back is None else back
+            if back is not None and back > LONGEST:
+                problems.add(f"{key}.crash.restart_after", f"expected at most {LONGEST:g} s, not {back:g}")
+        if faults.pause:
+            check_window(spec, f"{key}.pause", faults.pause, problems)
+            gone[f"{key}.pause"] = faults.pause[1] - faults.pause[0]
+            if faults.crash and faults.crash.restart_after is None and faults.pause[0] >= faults.crash.at:
+                problems.add(f"{key}.pause", f"begins when the agent is dead, from {faults.crash.at:g} s on")
+        if faults.slow:
+            if faults.slow.during is not None:
+                check_window(spec, f"{key}.slow.during", faults.slow.during, problems)
+            if faults.slow.factor > LONGEST:
+                problems.add(f"{key}.slow.factor", f"expected at most {LONGEST:g}, not {faults.slow.factor:g}")
+            if spec.time.clock == "virtual" and spec.exchange.compute_time == 0:
+                notes.append(f"{key}.slow: without effect on the virtual clock, as exchange.compute_time is 0")
+        absences += gone
+        notes += [
+            f"{each}: the run ends when agent {agent} has been silent for {silent.after:g} s{GO_ON}"
+            for each, lasts in gone.items()
+            if silent.then == "land" and lasts > silent.after and len(spec.agents) > 1
+        ]
+    return absences
+
+
+def check_window(spec: FleetSpec, key: str, window: tuple[float, float], problems: Problems) -> None:
+    """Check begin and end of something in the run, in s."""
+    begin, end = window
+    if begin >= end:
+        problems.add(key, f"expected begin < end, not [{begin:g}, {end:g}]")
+    if end > LONGEST:
+        problems.add(key, f"expected at most {LONGEST:g} s, not {end:g}")
+    _check_begin(spec, key, begin, problems)
+
+
+def _check_begin(spec: FleetSpec, key: str, begin: float, problems: Problems) -> None:
+    length = spec.steps * spec.time.sample_time
+    if begin >= length:
+        problems.add(key, f"expected within the run, which ends at {length:g} s, not {begin:g} s")

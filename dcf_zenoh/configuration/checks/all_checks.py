@@ -1,0 +1,195 @@
+"""What a specification must satisfy beyond its types: names that exist, plug-ins that accept their keys, a graph."""
+
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from dcf_zenoh.configuration.building.graph import draw, weights_of
+from dcf_zenoh.configuration.checks.absences import check_agents
+from dcf_zenoh.configuration.checks.bodies import check_arena, check_body
+from dcf_zenoh.configuration.checks.faults import check_links
+from dcf_zenoh.configuration.checks.layouts import check_layout
+from dcf_zenoh.configuration.checks.needs import check_needs
+from dcf_zenoh.configuration.checks.plugin_lookup import Shelf
+from dcf_zenoh.configuration.checks.times import check_rhythm, check_time, check_timeout
+from dcf_zenoh.configuration.checks.values import check_values
+from dcf_zenoh.diagnostics import Problems, listed, nearest
+from dcf_zenoh.errors import PluginError, TopologyError
+from dcf_zenoh.graph import Graph
+from dcf_zenoh.plugins import Schema, is_built_in
+from dcf_zenoh.spec import FleetSpec, Kind
+
+
+def check(
+    spec: FleetSpec, folder: Path, problems: Problems, notes: list[str], *, run_plugins: bool, unused: bool = True
+) -> None:
+    """Add to `problems` and `notes` whatever is to be said about `spec`.
+
+    Args:
+        spec: A fleet whose types are right.
+        folder: What the paths of plug-ins are relative to.
+        problems: What is wrong.
+        notes: What is allowed, but should be known.
+        run_plugins: Import the plug-ins of others; without it they are looked at only.
+        unused: Look at the algorithms and plants, too, that no agent uses.
+    """
+    _check_plant_names(spec, problems)
+    _check_starts(spec, problems)
+    check_arena(spec, problems)
+    check_time(spec, problems, notes)
+    check_rhythm(spec, problems, notes)
+    _check_endpoints(spec, problems)
+    shelf = Shelf(folder, run_plugins, problems, notes)
+    _check_problem(spec, shelf)
+    _check_plants(spec, shelf, unused=unused)
+    shelf.check("algorithms", spec.algorithm, "algorithm")
+    for name, kind in spec.algorithms.items():
+        if unused and kind != spec.algorithm:
+            shelf.check("algorithms", kind, f"algorithms.{name}", used=False)
+    if not problems.within("plant"):
+        shelf.check("controllers", spec.controller_kind, "controller")
+    shelf.check("topologies", spec.topology, "topology")
+    graph = None
+    if not problems.within("topology") and (run_plugins or is_built_in("topologies", spec.topology.kind)):
+        graph = _check_graph(spec, folder, problems)
+    check_values(spec, folder, problems, run_plugins=run_plugins)
+    if not problems:
+        check_layout(spec, notes)
+    check_needs(spec, folder, graph, problems, run_plugins=run_plugins)
+    check_timeout(spec, problems, losers=[*check_links(spec, graph, shelf), *check_agents(spec, problems, notes)])
+
+
+def _check_plant_names(spec: FleetSpec, problems: Problems) -> None:
+    def check_name(key: str, name: str) -> None:
+        if name not in spec.plants:
+            near = nearest(name, spec.plants)
+            problems.add(key, f"there is no [plants.{name}]{near} there are: {listed(spec.plants)}")
+
+    if spec.plant is not None:
+        check_name("plant", spec.plant)
+    for agent, own in spec.agents.items():
+        if own.plant is not None:
+            check_name(f"agents.{agent}.plant", own.plant)
+        elif spec.plant is None and spec.plants:
+            problems.add(
+                f"agents.{agent}.plant",
+                f"missing; either all agents have a plant or none: choose one of {listed(spec.plants)} here, for all"
+                " agents by plant = ..., or by --plant",
+            )
+        for name in own.plants:
+            check_name(f"agents.{agent}.plants.{name}", name)
+
+
+def _check_starts(spec: FleetSpec, problems: Problems) -> None:
+    first: tuple[int, int] | None = None
+    places: dict[tuple[float, ...], int] = {}
+    for agent, own in spec.agents.items():
+        plant = own.plant or spec.plant
+        if own.start is None:
+            if plant is not None:
+                problems.add(f"agents.{agent}.start", f"missing; plant {plant!r} starts at a position, in m")
+            continue
+        if not own.start:
+            problems.add(f"agents.{agent}.start", "expected at least one component, in m, not []")
+            continue
+        if plant is not None and own.start in places:
+            problems.add(f"agents.{agent}.start", f"the same place as agents.{places[own.start]}.start")
+        places.setdefault(own.start, agent)
+        first = first or (agent, len(own.start))
+        if len(own.start) != first[1]:
+            problems.add(
+                f"agents.{agent}.start",
+                f"expected {first[1]} components as in agents.{first[0]}.start, not {len(own.start)}",
+            )
+
+
+def _check_endpoints(spec: FleetSpec, problems: Problems) -> None:
+    owners: dict[str, int] = {}
+    for agent, own in spec.agents.items():
+        if own.endpoint in owners:
+            problems.add(
+                f"agents.{agent}.endpoint",
+                f"{own.endpoint} is taken by agent {owners[own.endpoint]}; each needs its own",
+            )
+        if own.endpoint is not None:
+            owners[own.endpoint] = agent
+
+
+def _check_problem(spec: FleetSpec, shelf: Shelf) -> None:
+    overrides = {agent: dict(own.problem) for agent, own in spec.agents.items()}
+    for agent, own in spec.agents.items():
+        if own.target is not None:
+            if "target" in own.problem:
+                shelf.problems.add(f"agents.{agent}.problem.target", f"given twice: also as agents.{agent}.target")
+            overrides[agent]["target"] = own.target
+
+    def key(agent: int, option: str) -> str:
+        short = option == "target" and "target" not in spec.agents[agent].problem
+        return f"agents.{agent}.{'target' if short else f'problem.{option}'}"
+
+    schema = shelf.schema("problems", spec.problem.kind, "problem")
+    _check_overridden(shelf, schema, spec.problem, "problem", overrides=overrides, users=spec.agents, key=key)
+
+
+def _check_plants(spec: FleetSpec, shelf: Shelf, *, unused: bool) -> None:
+    owners: dict[tuple[object, str, str], int] = {}
+    for name, kind in spec.plants.items():
+        users = [agent for agent, own in spec.agents.items() if (own.plant or spec.plant) == name]
+        if not (users or unused):
+            continue
+        overrides = {agent: own.plants[name] for agent, own in spec.agents.items() if name in own.plants}
+
+        def key(agent: int, option: str, name: str = name) -> str:
+            return f"agents.{agent}.plants.{name}.{option}"
+
+        schema = shelf.schema("plants", kind.kind, f"plants.{name}", used=bool(users))
+        _check_overridden(shelf, schema, kind, f"plants.{name}", overrides=overrides, users=users, key=key)
+        if users and schema and (plugin := shelf.plugin("plants", kind.kind)):
+            check_body(plugin, spec, shelf.problems, name, users, owners)
+
+
+def _check_overridden(
+    shelf: Shelf,
+    schema: Schema | None,
+    base: Kind,
+    where: str,
+    *,
+    overrides: Mapping[int, Mapping[str, Any]],
+    users: Iterable[int],
+    key: Callable[[int, str], str],
+) -> None:
+    """Check a table and what agents override of it; each problem under the key it comes from."""
+    for agent, options in overrides.items():
+        if "kind" in options:
+            shelf.problems.add(key(agent, "kind"), f"expected other keys of [{where}]; the kind is given there alone")
+    if schema is None:
+        return
+    shelf.compare(schema, base.options, lambda option: f"{where}.{option}")
+    for agent, options in overrides.items():
+        shelf.compare(schema, options, lambda option, agent=agent: key(agent, option))  # type: ignore[misc]
+        for option in (each for each in options if each in schema.shared):
+            shelf.problems.add(key(agent, option), f"must be the same at every agent; set it in [{where}]")
+    missing = {agent: schema.missing((*base.options, *overrides.get(agent, {}))) for agent in users}
+    for agent, texts in missing.items():
+        for option, text in texts.items():
+            everywhere = all(option in each for each in missing.values())
+            shelf.problems.add(f"{where}.{option}" if everywhere else key(agent, option), text)
+
+
+def _check_graph(spec: FleetSpec, folder: Path, problems: Problems) -> Graph | None:
+    try:
+        graph = draw(spec, folder)
+    except (PluginError, TopologyError) as error:
+        problems.add("topology", "; ".join(error.problems).removeprefix("topology: "))
+        return None
+    if spec.exchange.max_rounds <= graph.diameter:
+        problems.add(
+            "exchange.max_rounds",
+            f"expected more than {graph.diameter} (the diameter of the graph: sharing states and agreeing take so many"
+            f" rounds), not {spec.exchange.max_rounds}",
+        )
+    try:
+        weights_of(spec, graph)
+    except TopologyError as error:
+        problems.add("topology.weights", str(error))
+    return graph

@@ -1,0 +1,139 @@
+"""Faults that are changed while a fleet runs: what a rule of a fleet file must satisfy, and a little more."""
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from dcf_zenoh.configuration.building.fault_links import needs_positions
+from dcf_zenoh.configuration.checks.all_checks import check
+from dcf_zenoh.configuration.checks.times import check_timeout
+from dcf_zenoh.configuration.loaded_fleet import LoadedFleet
+from dcf_zenoh.configuration.reading.draft import Draft, read
+from dcf_zenoh.configuration.reading.fault_shorthand import RULE_KEYS
+from dcf_zenoh.configuration.reading.validation import validate
+from dcf_zenoh.diagnostics import Problems, listed, nearest
+from dcf_zenoh.errors import ConfigurationError
+from dcf_zenoh.plugins import known, load
+from dcf_zenoh.spec import FaultRule, FleetSpec, Switch
+
+Ids = tuple[int, ...] | None
+
+
+class CheckedRule(NamedTuple):
+    """A change as a rule of the fleet file, and what the user should know about it."""
+
+    rule: FaultRule
+    notes: tuple[str, ...]
+
+
+def check_change(fleet: LoadedFleet, senders: Ids, receivers: Ids, name: str, fault: Any) -> CheckedRule:
+    """Check what shall be changed in a fleet that runs, as one more rule of its fleet file.
+
+    Args:
+        fleet: As its run directory has it.
+        senders: None: all.
+        receivers: None: all.
+        name: Of the fault.
+        fault: A value, a table, or False for none.
+
+    Raises:
+        ConfigurationError: The words are those of fleet files, but the keys are those of the command line.
+    """
+    if name in RULE_KEYS:
+        kinds = sorted(known("faults"))
+        raise ConfigurationError(f"unknown fault {name!r}{nearest(name, kinds)} known faults: {listed(kinds)}")
+    kind = fault.get("kind") if isinstance(fault, Mapping) else None
+    if isinstance(kind, str) and ":" in kind and (found := _foreign(fleet.spec, name, kind)):
+        raise ConfigurationError(found)  # it is not even looked at
+    number = len(fleet.spec.faults.rule) + 1
+    draft = read(fleet.source)
+    path = ("faults", "rule", str(number))
+    for key, value in (("from", senders), ("to", receivers), (name, fault)):
+        if value is not None:
+            draft.assign((*path, key), list(value) if isinstance(value, tuple) else value)
+    spec = _check(draft)
+    prefix = ".".join(path)
+    problems = [_plain(line, prefix) for line in draft.problems.lines if _is_of(line, prefix)]
+    if spec is None or problems:
+        raise ConfigurationError(problems or draft.problems.lines)
+    rule = spec.faults.rule[-1]
+    if found := refusals(fleet.spec, fleet.folder, name, rule.faults[name]):
+        raise ConfigurationError(found)
+    return CheckedRule(rule, tuple(_plain(line, prefix) for line in draft.notes if line.startswith(prefix)))
+
+
+def check_ends(fleet: LoadedFleet, senders: Ids, receivers: Ids) -> FaultRule:
+    """Check that there are agents of these ids, and links between them; a rule for these links.
+
+    Raises:
+        ConfigurationError: There are none.
+    """
+    return check_change(fleet, senders, receivers, next(iter(known("faults"))), False).rule
+
+
+def check_rules(fleet: LoadedFleet, rules: Iterable[dict[str, Any]]) -> list[str]:
+    """What is wrong with the fleet file once `rules` stand at its end."""
+    draft = read(fleet.source)
+    for number, rule in enumerate(rules, len(fleet.spec.faults.rule) + 1):
+        draft.assign(("faults", "rule", str(number)), rule)
+    _check(draft)
+    return draft.problems.lines
+
+
+def _foreign(spec: FleetSpec, name: str, kind: str) -> list[str]:
+    """Why a kind cannot be loaded by a fleet that runs, in one line; nothing if it can."""
+    own = {each.kind for rule in spec.faults.rules for each in rule.faults.values() if each}
+    if kind in own | known("faults").keys():
+        return []
+    return [
+        f"{name}.kind: expected a kind that is installed or that the fleet file names, not {kind!r}:"
+        " a fleet loads no other code while it runs"
+    ]
+
+
+def refusals(spec: FleetSpec, folder: Path, name: str, fault: Switch) -> list[str]:
+    """Why a fault cannot begin to act on a fleet that runs, though a fleet file might have it: one line each.
+
+    No code is loaded that neither is installed nor belongs to the run.
+
+    Args:
+        spec: The fleet.
+        folder: What the paths of plug-ins are relative to.
+        name: Of the fault.
+        fault: Its table.
+
+    Raises:
+        PluginError: It cannot be loaded.
+    """
+    problems = Problems()
+    if not fault:
+        return []
+    if found := _foreign(spec, name, fault.kind):
+        return found
+    plugin = load("faults", fault.kind, folder)
+    if getattr(plugin, "LOSES", True):
+        check_timeout(spec, problems, [name])
+    if getattr(plugin, "NEEDS_POSITIONS", False) and not needs_positions(spec, folder):
+        problems.add(name, "needs the positions of the agents, which messages carry only if the fleet file has it too")
+    return problems.lines
+
+
+def _check(draft: Draft) -> FleetSpec | None:
+    draft.complete()
+    spec = validate(draft.table, draft.problems)
+    if spec is not None:
+        check(spec, draft.folder, draft.problems, draft.notes, run_plugins=True)
+    return spec
+
+
+def _is_of(line: str, prefix: str) -> bool:
+    """Whether a problem is one of the rule, and not of what it overrules."""
+    return line.startswith((f"{prefix}.", f"{prefix}:", "exchange.round_timeout:"))
+
+
+def _plain(line: str, prefix: str) -> str:
+    """A problem without the place in the file."""
+    text = line.removeprefix(f"{prefix}: ").replace(f"{prefix}.", "")
+    return (
+        f"--{text}" if text.startswith(("from", "to")) and text.partition(":")[0].split(".")[0] in RULE_KEYS else text
+    )

@@ -1,0 +1,57 @@
+"""Where the checks of a fleet file look plug-ins up."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from dcf_zenoh.diagnostics import Problems
+from dcf_zenoh.errors import PluginError
+from dcf_zenoh.plugins import Plugin, Schema, accepted, check_known, check_signature, is_built_in, load, peek, split
+from dcf_zenoh.spec import Kind
+
+
+@dataclass(frozen=True)
+class Shelf:
+    """Where plug-ins are looked up, and what is found wrong with them is noted."""
+
+    folder: Path
+    run: bool
+    problems: Problems
+    notes: list[str]
+
+    def check(self, group: str, kind: Kind, key: str, *, used: bool = True) -> None:
+        """Check a table that nothing overrides."""
+        if schema := self.schema(group, kind.kind, key, used=used):
+            self.compare(schema, kind.options, lambda option: f"{key}.{option}")
+            self.add_all(schema.missing(kind.options), lambda option: f"{key}.{option}")
+
+    def schema(self, group: str, kind: str, key: str, *, used: bool = True) -> Schema | None:
+        """The keys that `kind` accepts; None if they cannot be told. What nobody uses is not imported."""
+        try:
+            if (self.run and used) or is_built_in(group, kind):
+                plugin = load(group, kind, self.folder)
+                for text in check_signature(group, plugin):
+                    self.problems.add(f"{key}.kind", text)
+                return accepted(plugin)
+            if not self.run:
+                self.notes.append(f"{key}: {kind} was not run, so its keys are checked by name at most")
+            if split(kind):
+                return peek(kind, self.folder)
+            check_known(group, kind)
+        except PluginError as error:
+            self.problems.add(f"{key}.kind", "; ".join(error.problems))
+        return None
+
+    def plugin(self, group: str, kind: str) -> Plugin | None:
+        """What `kind` stands for; None if it must not be imported."""
+        return load(group, kind, self.folder) if self.run or is_built_in(group, kind) else None
+
+    def compare(self, schema: Schema, options: Mapping[str, Any], key: Callable[[str], str]) -> None:
+        """Note the options that `schema` does not accept, under ``key(option)``."""
+        self.add_all(schema.convert(options)[1], key)
+
+    def add_all(self, texts: Mapping[str, str], key: Callable[[str], str]) -> None:
+        """Note all `texts`, by option, under ``key(option)``."""
+        for option, text in texts.items():
+            self.problems.add(key(option), text)

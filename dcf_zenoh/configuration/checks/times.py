@@ -1,0 +1,91 @@
+"""What the times of a fleet file must satisfy, and the rounds of each mode."""
+
+from collections.abc import Sequence
+from math import floor, log10
+
+from dcf_zenoh.diagnostics import Problems, listed
+from dcf_zenoh.spec import FleetSpec
+
+LONGEST = 1e8  # s; some three years
+WALL_ROUND = 2e-3  # s; about what a round takes on the wall clock, so a shorter time-out loses what is only late
+
+
+def check_time(spec: FleetSpec, problems: Problems, notes: list[str]) -> None:
+    """Note times beyond all reason, and more rounds than there is time for."""
+    rounds, sample_time = spec.exchange, spec.time.sample_time
+    for key, value in {
+        "time.sample_time": sample_time,
+        "time.duration": spec.time.duration,
+        "exchange.budget": rounds.budget,
+        "exchange.round_timeout": rounds.round_timeout,
+        "exchange.compute_time": rounds.compute_time,
+        "safety.neighbour_silent.after": spec.safety.neighbour_silent.after,
+        "zenoh.ready_timeout": spec.zenoh.ready_timeout,
+        "zenoh.silence_timeout": spec.zenoh.silence_timeout,
+    }.items():
+        if value is not None and value > LONGEST:
+            problems.add(key, f"expected at most {LONGEST:g} s, not {value:g}")
+    if spec.seed >= 2**63:
+        problems.add("seed", f"expected less than 2^63, not {spec.seed}")
+    budget = rounds.step_budget(sample_time)
+    if budget > sample_time:
+        problems.add("exchange.budget", f"expected at most time.sample_time = {sample_time:g} s, not {budget:g} s")
+    if rounds.mode == "asynchronous" or rounds.round_timeout is None:
+        return
+    if rounds.max_rounds * rounds.round_timeout > budget * (1 + 1e-9):
+        worst = rounds.max_rounds * rounds.round_timeout
+        notes.append(
+            f"exchange: worst case {rounds.max_rounds} x {rounds.round_timeout * 1e3:g} ms = {worst:.3f} s"
+            f" > budget {budget:.3f} s: a step may end by time, not by agreement"
+        )
+
+
+def check_rhythm(spec: FleetSpec, problems: Problems, notes: list[str]) -> None:
+    """Check when agents activate in asynchronous mode, and note the keys that mean nothing in the mode chosen."""
+    rounds = spec.exchange
+    rhythm = {"exchange.period": rounds.period, "exchange.jitter": rounds.jitter or None}
+    for agent, own in spec.agents.items():
+        rhythm[f"agents.{agent}.exchange.period"] = own.exchange.period
+        rhythm[f"agents.{agent}.exchange.jitter"] = own.exchange.jitter
+    given = [key for key, value in rhythm.items() if value is not None]
+    if rounds.mode == "synchronous":
+        if given:
+            notes.append(f"{listed(given)}: without effect, as exchange.mode is 'synchronous'")
+        return
+    waiting = {"exchange.round_timeout": rounds.round_timeout, "exchange.margin": rounds.margin}
+    if idle := [key for key, value in waiting.items() if value is not None]:
+        notes.append(f"{listed(idle)}: without effect, as exchange.mode is 'asynchronous': nobody waits for anybody")
+    budget = rounds.step_budget(spec.time.sample_time)
+    for agent in spec.ids:
+        chosen = spec.activation(agent)
+        period, jitter = chosen.period or 0.0, chosen.jitter or 0.0
+        own_period, own_jitter = (f"agents.{agent}.exchange.{key}" for key in ("period", "jitter"))
+        if period > budget * (1 + 1e-9):
+            key = own_period if own_period in given else "exchange.period"
+            problems.add(key, f"expected at most the budget of a step, {budget:g} s, not {period:g} s")
+        elif jitter >= period:
+            key = next((each for each in (own_jitter, own_period) if each in given), "exchange.jitter")
+            problems.add(key, f"expected a jitter shorter than the period; they are {jitter:g} s and {period:g} s")
+
+
+def check_timeout(spec: FleetSpec, problems: Problems, losers: Sequence[str]) -> None:
+    """Ask for a time-out of rounds where messages can be lost.
+
+    Args:
+        spec: The fleet.
+        problems: What is wrong.
+        losers: Keys of what can lose messages.
+    """
+    rounds = spec.exchange
+    if not losers or rounds.mode == "asynchronous" or rounds.round_timeout is not None:
+        return
+    share = rounds.step_budget(spec.time.sample_time) / rounds.max_rounds
+    if spec.time.clock == "wall":
+        share = max(share, WALL_ROUND)
+    digit = 10.0 ** floor(log10(share))
+    proposal = floor(share / digit * (1 + 1e-9)) * digit  # its first digit
+    problems.add(
+        "exchange.round_timeout",
+        f"missing; {losers[0]} can lose messages, and a round would wait for a lost one until the step's budget is"
+        f" used up: set it to more than the latency of the links, such as {proposal:.0g} s",
+    )

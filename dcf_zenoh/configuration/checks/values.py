@@ -1,0 +1,99 @@
+"""What only a plug-in itself can tell of the values it is given: it is made once, as at the beginning of a run."""
+
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+from dcf_zenoh.configuration.building.problem_and_plant import plant_of, problem_of
+from dcf_zenoh.configuration.reading.layout import STARTS
+from dcf_zenoh.diagnostics import Problems
+from dcf_zenoh.errors import PluginError
+from dcf_zenoh.plant import read_only
+from dcf_zenoh.plugins import is_built_in, load
+from dcf_zenoh.problems.problem import Problem
+from dcf_zenoh.spec import FleetSpec
+
+SIZES = {"size": "components of a decision", "rows": "shared constraints"}  # what all agents must have as many of
+
+
+def check_values(spec: FleetSpec, folder: Path, problems: Problems, *, run_plugins: bool) -> None:
+    """Make the body and the problem of every agent, and note what they refuse.
+
+    Made are built-in kinds, and problems of others that have a method ``check_starts``. It gets agent -> start, of all
+    agents, and returns agent -> what is wrong with its start beside the others'; the problem of one agent is asked for
+    all. Where something is wrong already, nothing is made.
+
+    Args:
+        spec: A fleet.
+        folder: What the paths of plug-ins are relative to.
+        problems: What is wrong.
+        run_plugins: Whether code of others may run.
+    """
+    if problems.within("time") or problems.within("plant"):
+        return
+    sound = [i for i in spec.ids if not problems.within(f"agents.{i}")]
+    for name, kind in spec.plants.items():
+        users = [i for i in sound if (spec.agents[i].plant or spec.plant) == name]
+        if is_built_in("plants", kind.kind) and not problems.within(f"plants.{name}"):
+            refused = _refusals(users, lambda agent: plant_of(spec, folder, agent))
+            special = [i for i in users if spec.agents[i].plants.get(name)]
+            _note(refused, users, special, f"plants.{name}", problems)
+    if not problems.within("problem") and _may_be_made(spec, folder, run_plugins=run_plugins):
+        refused = _refusals(sound, lambda agent: problem_of(spec, folder, agent))
+        _note(refused, sound, [i for i in sound if spec.agents[i].problem], "problem", problems)
+        starts = {i: spec.agents[i].start or () for i in spec.ids}
+        if refused or len(sound) < len(spec.ids):
+            return
+        made = {i: problem_of(spec, folder, i) for i in spec.ids}
+        _check_sizes(made, problems)
+        if all(starts.values()):
+            _check_starts(made[spec.ids[0]], starts, problems)
+
+
+def _may_be_made(spec: FleetSpec, folder: Path, *, run_plugins: bool) -> bool:
+    kind = spec.problem.kind
+    return is_built_in("problems", kind) or (run_plugins and hasattr(load("problems", kind, folder), STARTS))
+
+
+def _refusals(agents: Sequence[int], make: Callable[[int], object]) -> dict[int, str]:
+    """Agent -> why what it needs cannot be made."""
+    refused = {}
+    for agent in agents:
+        try:
+            make(agent)
+        except PluginError as error:
+            refused[agent] = "; ".join(error.problems).partition(": ")[2].partition(": ")[2]  # without agent and table
+    return refused
+
+
+def _note(
+    refused: Mapping[int, str], users: Sequence[int], special: Sequence[int], table: str, problems: Problems
+) -> None:
+    """Note what all `users` have wrong under their `table`, unless all of them have keys of their own (`special`)."""
+    if len(refused) == len(users) > len(special) and len(set(refused.values())) == 1:
+        problems.add(table, next(iter(refused.values())))
+        return
+    for agent, text in refused.items():
+        problems.add(f"agents.{agent}.{table}", text)
+
+
+def _check_sizes(made: Mapping[int, object], problems: Problems) -> None:
+    """Note whose problem has another size than most: numpy would stretch one where both are mixed."""
+    for name, what in SIZES.items():
+        sizes = {
+            i: getattr(each, name) for i, each in made.items() if isinstance(each, Problem) and hasattr(each, name)
+        }
+        usual = Counter(sizes.values()).most_common(1)
+        for agent, size in sizes.items():
+            if size != usual[0][0]:
+                like = next(i for i in sizes if sizes[i] == usual[0][0])
+                problems.add(
+                    f"agents.{agent}.problem", f"{what}: expected {usual[0][0]}, as agent {like} has, not {size}"
+                )
+
+
+def _check_starts(problem: object, starts: Mapping[int, tuple[float, ...]], problems: Problems) -> None:
+    check = getattr(problem, STARTS, None)
+    found: Mapping[int, str] = check({i: read_only(start) for i, start in starts.items()}) if check else {}
+    for agent, text in found.items():
+        problems.add(f"agents.{agent}.start", text)

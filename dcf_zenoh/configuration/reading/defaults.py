@@ -1,0 +1,71 @@
+"""The defaults of plug-ins, written out as if they stood in the fleet file."""
+
+from pathlib import Path
+from typing import Any
+
+from dcf_zenoh.configuration.building.fault_links import options_of
+from dcf_zenoh.plugins import Schema, accepted, is_built_in, load
+from dcf_zenoh.spec import FaultRule, Faults, FaultTable, FleetSpec, Kind
+
+
+def with_defaults(spec: FleetSpec, folder: Path, *, run_plugins: bool) -> FleetSpec:
+    """The same fleet with the defaults of all plug-ins in use, as far as TOML can say them: None it cannot.
+
+    Faults that are switched off on all links are left out.
+
+    Args:
+        spec: A checked fleet.
+        folder: What the paths of plug-ins are relative to.
+        run_plugins: Import plug-ins that are not part of dcf-zenoh; without it their tables stay as they are.
+
+    Raises:
+        PluginError: A plug-in cannot be loaded.
+    """
+
+    def fill(group: str, kind: Kind) -> Kind:
+        if not (run_plugins or is_built_in(group, kind.kind)):
+            return kind
+        return kind.with_options({**_defaults(accepted(load(group, kind.kind, folder))), **kind.options})
+
+    def fill_fault(fault: FaultTable) -> FaultTable:
+        if not (run_plugins or is_built_in("faults", fault.kind)):
+            return fault
+        schema = accepted(load("faults", fault.kind, folder))
+        options = {**_defaults(schema), **options_of(fault, schema)}
+        return FaultTable(
+            kind=fault.kind, **{each.name: options[each.name] for each in schema.parameters if each.name in options}
+        )
+
+    def rule_with_defaults(rule: FaultRule) -> FaultRule:
+        return rule.model_copy(update={name: fault and fill_fault(fault) for name, fault in rule.faults.items()})
+
+    everywhere: dict[str, Any] = {name: fill_fault(fault) for name, fault in spec.faults.everywhere.items() if fault}
+    in_use = {own.plant or spec.plant for own in spec.agents.values()}
+    return spec.model_copy(
+        update={
+            "topology": fill("topologies", spec.topology),
+            "problem": fill("problems", spec.problem),
+            "algorithm": fill("algorithms", spec.algorithm),
+            "controller": fill("controllers", spec.controller_kind),
+            "plants": {name: fill("plants", kind) if name in in_use else kind for name, kind in spec.plants.items()},
+            "faults": Faults(rule=tuple(map(rule_with_defaults, spec.faults.rule)), **everywhere),
+        }
+    )
+
+
+def _defaults(schema: Schema) -> dict[str, Any]:
+    """Key -> default, of those that a fleet file can hold and that the plug-in would accept from one."""
+    said = {each.name: _plain(each.default) for each in schema.parameters if _in_toml(each.default)}
+    _, refused = schema.convert(said)
+    return {name: value for name, value in said.items() if name not in refused}
+
+
+def _in_toml(value: object) -> bool:
+    if isinstance(value, tuple | list):
+        return all(map(_in_toml, value))
+    return isinstance(value, bool | int | float | str)
+
+
+def _plain(value: Any) -> Any:
+    """Lists for tuples, as they come out of a file."""
+    return list(map(_plain, value)) if isinstance(value, tuple | list) else value

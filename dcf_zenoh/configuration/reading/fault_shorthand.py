@@ -1,0 +1,148 @@
+"""The entries of [faults] while a fleet file is read: what is written short becomes a table with its kind."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from dcf_zenoh.diagnostics import Problems, expected, show
+from dcf_zenoh.errors import PluginError
+from dcf_zenoh.plugins import accepted, is_built_in, load, peek, split
+from dcf_zenoh.spec import FaultRule, Faults
+
+RULE_KEYS = tuple(field.alias or name for name, field in FaultRule.model_fields.items())
+_RULE = ("faults", "rule")
+
+# While it is changed, faults.rule is a table from numbers to rules, so that faults.rule.2 means the second rule.
+
+
+def is_fault(path: Sequence[str]) -> bool:
+    """Whether `path` is the key of a fault: ``faults.loss``, ``faults.rule.2.loss``."""
+    if tuple(path[:2]) == _RULE:
+        return len(path) == 4 and path[3] not in RULE_KEYS
+    return len(path) == 2 and path[0] == "faults"
+
+
+def number_rules(table: dict[str, Any], problems: Problems) -> None:
+    """Turn the list of rules into a table from ``"1"`` on, in the order of the file."""
+    faults = table.get("faults")
+    if not isinstance(faults, dict) or "rule" not in faults:
+        return
+    rules = faults["rule"]
+    if isinstance(rules, list):
+        faults["rule"] = {str(number): rule for number, rule in enumerate(rules, 1)}
+    elif not isinstance(rules, dict) or not all(key.isdecimal() for key in rules):
+        wanted = expected(Faults.model_fields["rule"].annotation)
+        problems.add("faults.rule", f"expected {wanted}, each under [[faults.rule]], not {show(rules)}")
+        del faults["rule"]
+
+
+def list_rules(table: dict[str, Any], problems: Problems) -> None:
+    """Turn the numbered rules into a list again."""
+    faults = table.get("faults")
+    if not isinstance(faults, dict) or not isinstance(faults.get("rule"), dict):
+        return
+    rules = faults["rule"]
+    for place, key in enumerate(sorted(rules, key=lambda key: (len(key), key)), 1):
+        if key != str(place):
+            problems.add(f"faults.rule.{key}", f"cannot be set: the next rule is faults.rule.{place}")
+            del rules[key]
+            break
+    faults["rule"] = [rules[key] for key in sorted(rules, key=int)]
+
+
+def _entries(table: dict[str, Any]) -> Iterator[tuple[tuple[str, ...], dict[str, Any]]]:
+    """The path of each fault, and the table that it is in."""
+    faults = table.get("faults")
+    if not isinstance(faults, dict):
+        return
+    yield from ((("faults", name), faults) for name in list(faults) if name != "rule")
+    rules = faults.get("rule")
+    for number, rule in rules.items() if isinstance(rules, dict) else ():
+        if isinstance(rule, dict):
+            yield from (((*_RULE, number, name), rule) for name in list(rule) if name not in RULE_KEYS)
+
+
+@dataclass(frozen=True)
+class Spelling:
+    """How faults are spelled out.
+
+    Attributes:
+        folder: What the paths of plug-ins are relative to.
+        run: Import the plug-ins of others; without it they are looked at only.
+    """
+
+    folder: Path
+    run: bool
+
+    def of(self, table: dict[str, Any], name: str, fault: Any) -> Any:
+        """A fault as a table with its kind, a bare value under the kind's first key. ``false`` stays.
+
+        What does not say its kind has that of [faults.NAME], or NAME itself. A table that has both a bare value and
+        the first key stays as it is, and so does one whose kind is no string.
+
+        Args:
+            table: The fleet file.
+            name: Of the fault.
+            fault: As it stands in the file.
+        """
+        if fault is False:
+            return False
+        everywhere = table["faults"].get(name)
+        usual = everywhere.get("kind", name) if isinstance(everywhere, dict) else name
+        full = {"kind": usual, **(fault if isinstance(fault, dict) else {"value": fault})}
+        first = self._first(full["kind"]) if "value" in full else "value"
+        return full if first in full else {first if key == "value" else key: each for key, each in full.items()}
+
+    def spell_out(self, table: dict[str, Any]) -> None:
+        """Spell out all faults of a fleet file."""
+        for path, owner in _entries(table):
+            owner[path[-1]] = self.of(table, path[-1], owner[path[-1]])
+
+    def check(self, table: dict[str, Any], problems: Problems) -> None:
+        """Take out what is no fault. All of them are spelled out."""
+        for path, owner in _entries(table):
+            key, name, fault = ".".join(path), path[-1], owner[path[-1]]
+            if len(path) == 2 and name in RULE_KEYS:
+                problems.add(key, "expected in a [[faults.rule]]; faults in [faults] itself are those of all links")
+                del owner[name]
+            elif fault and not isinstance(fault["kind"], str):
+                problems.add(f"{key}.kind", f"expected a string, not {show(fault['kind'])}")
+                del owner[name]
+            elif fault and "value" in fault and (first := self._first(fault["kind"])) != "value":
+                problems.add(f"{key}.value", f"given twice: also as {key}.{first}")
+                del fault["value"]
+
+    def files(self, table: dict[str, Any], changed: Sequence[str]) -> Iterator[tuple[dict[str, Any], str]]:
+        """The faults in, at or above the path that was changed, with their keys there that name files.
+
+        All of them are spelled out.
+        """
+        for path, owner in _entries(table):
+            both = min(len(path), len(changed))
+            if path[:both] != tuple(changed[:both]) or owner[path[-1]] is False:
+                continue
+            fault = owner[path[-1]]
+            for key in self._files(fault["kind"]):
+                if isinstance(fault.get(key), str) and changed[len(path) :] in ((), (key,)):
+                    yield fault, key
+
+    def _first(self, kind: Any) -> str:
+        """The first key of a kind; ``value`` where it cannot be told."""
+        try:
+            if self._may_load(kind):
+                return accepted(load("faults", kind, self.folder)).first
+            schema = peek(kind, self.folder) if isinstance(kind, str) and split(kind) else None
+        except PluginError:  # which the checks report
+            return "value"
+        return schema.first if schema else "value"
+
+    def _files(self, kind: Any) -> tuple[str, ...]:
+        """The keys of a kind that name files, as far as they can be told."""
+        try:
+            return tuple(getattr(load("faults", kind, self.folder), "FILES", ())) if self._may_load(kind) else ()
+        except PluginError:
+            return ()
+
+    def _may_load(self, kind: Any) -> bool:
+        return isinstance(kind, str) and (self.run or is_built_in("faults", kind))

@@ -1,0 +1,101 @@
+"""The tables of a fleet file to a specification; what pydantic refuses, in the words of the fleet file."""
+
+import json
+from dataclasses import dataclass
+from types import NoneType, UnionType
+from typing import Annotated, Any, Union, get_args, get_origin
+
+from pydantic import ValidationError
+
+from dcf_zenoh.diagnostics import Problems, expected, show, unknown_key
+from dcf_zenoh.spec import FleetSpec, Table
+
+
+def validate(table: dict[str, Any], problems: Problems) -> FleetSpec | None:
+    """The specification in `table`.
+
+    What is refused is added to `problems` and taken out of `table`, so that the rest can still be checked.
+
+    Returns:
+        None if there is nothing to go on with: what is required is not there.
+    """
+    for _ in range(3):
+        try:  # strict JSON is what TOML is: lists for tuples, and neither strings nor booleans for numbers
+            return FleetSpec.model_validate_json(json.dumps(table, default=str), strict=True)
+        except ValidationError as error:
+            for each in error.errors(include_url=False, include_context=False):
+                place = _find(each["loc"])
+                value = _take(table, place.path)
+                inside = len(each["loc"]) > len(place.path)  # what is wrong with a value is not said of its parts
+                problems.add(".".join(place.path), _text(place, "" if inside else each["type"], value))
+            table.setdefault("name", "unnamed")
+    return None
+
+
+@dataclass(frozen=True)
+class _Place:
+    """A key of a fleet file: what belongs there, and what its table accepts."""
+
+    path: tuple[str, ...]
+    type: Any
+    metadata: tuple[Any, ...]
+    description: str
+    accepted: tuple[str, ...]
+
+
+def _find(location: tuple[int | str, ...]) -> _Place:
+    """Follow pydantic's location through the tables and lists of tables, and not into other lists.
+
+    What is in a list has a number, from 1 on.
+    """
+    path: tuple[str, ...] = ()
+    place = _Place(path, FleetSpec, (), "", ())
+    for here in location:
+        kind = _bare(place.type)
+        part = str(here + 1 if isinstance(here, int) and get_origin(kind) is tuple else here)
+        path = (*path, part)
+        if get_origin(kind) is tuple and _is_table(get_args(kind)[0]):
+            place = _Place(path, get_args(kind)[0], (), "", ())
+        elif _is_table(kind):
+            fields = {field.alias or name: field for name, field in kind.model_fields.items()}
+            field = fields.get(part)
+            if field is None:
+                return _Place(path, Any, (), "", tuple(fields))
+            place = _Place(path, field.annotation, tuple(field.metadata), field.description or "", tuple(fields))
+        elif get_origin(kind) is dict:
+            place = _Place(path, get_args(kind)[1], (), "", ())
+        else:
+            break
+    return place
+
+
+def _is_table(kind: Any) -> bool:
+    return isinstance(kind, type) and issubclass(kind, Table)
+
+
+def _bare(annotation: Any) -> Any:
+    """A type without its bounds, and without None."""
+    if get_origin(annotation) is Annotated:
+        return _bare(get_args(annotation)[0])
+    if get_origin(annotation) in (Union, UnionType):
+        return _bare(next(each for each in get_args(annotation) if each is not NoneType))
+    return annotation
+
+
+def _take(table: Any, path: tuple[str, ...]) -> Any:
+    """Take the value at `path` out of `table`; None if it is not there (any more)."""
+    for key in path[:-1]:
+        table = table[int(key) - 1] if isinstance(table, list) else table.get(key, {})
+    if isinstance(table, list):  # the others keep their numbers
+        place = int(path[-1]) - 1
+        value, table[place] = table[place], {}
+        return value
+    return table.pop(path[-1], None)
+
+
+def _text(place: _Place, error: str, value: Any) -> str:
+    if error == "extra_forbidden":
+        owner = f"[{'.'.join(place.path[:-1])}]" if len(place.path) > 1 else "a fleet file"
+        return unknown_key(owner, place.path[-1], place.accepted)
+    what = expected(place.type, place.metadata) + (f" ({place.description})" if place.description else "")
+    return f"missing; expected {what}" if error == "missing" else f"expected {what}, not {show(value)}"

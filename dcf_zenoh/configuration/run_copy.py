@@ -1,0 +1,124 @@
+"""A fleet on disk, with all that a run of it needs to be repeated."""
+
+import hashlib
+import importlib.util
+import json
+import os
+import sys
+import tomllib
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+from dcf_zenoh.configuration.loaded_fleet import LoadedFleet
+from dcf_zenoh.configuration.reading.fault_shorthand import RULE_KEYS
+from dcf_zenoh.configuration.reading.validation import validate
+from dcf_zenoh.configuration.toml_writer import table_of, toml
+from dcf_zenoh.diagnostics import Problems
+from dcf_zenoh.errors import ConfigurationError, PluginError, RecordingError
+from dcf_zenoh.plugins import load, split
+
+
+def freeze(fleet: LoadedFleet, run_directory: Path) -> LoadedFleet:
+    """Write into `run_directory` all that a run needs to be repeated: the fleet file, and the files it names.
+
+    Writes ``fleet.toml``, with all defaults; ``plugins/*.py`` and ``profiles/*``, copies of plug-ins and of files that
+    faults read, which it refers to; and ``plugins.json``, the SHA-256 of each copy, and by its name of the source of
+    each plug-in that is a module.
+
+    Returns:
+        The frozen fleet, not checked again.
+
+    Raises:
+        PluginError: The file of a plug-in cannot be read.
+        RecordingError: The directory cannot be written.
+    """
+    try:
+        file = _write_all(fleet, run_directory)
+    except OSError as error:
+        raise RecordingError(f"{run_directory}: cannot be written: {error.strerror}") from error
+    spec = validate(tomllib.loads(file.read_text(encoding="utf-8")), problems := Problems())
+    if spec is None or problems:
+        raise ConfigurationError(problems.lines, str(file))
+    return LoadedFleet(spec, run_directory, str(file), fleet.notes)
+
+
+def _write_all(fleet: LoadedFleet, run_directory: Path) -> Path:
+    """Write everything; the fleet file."""
+    table = table_of(fleet.spec)
+    copies: dict[Path, str] = {}
+    digests: dict[str, str] = {}
+
+    def copy(file: str, to: str, owner: str) -> str:
+        """Copy a file, once; the name of the copy."""
+        path = (fleet.folder / file).resolve()
+        if path not in copies:
+            copies[path] = name = _free_name(f"{to}/{path.name}", copies.values())
+            digests[name] = _copy(path, run_directory / name, owner)
+        return copies[path]
+
+    for choice in _faults(table):
+        for key in getattr(load("faults", choice["kind"], fleet.folder), "FILES", ()):
+            if isinstance(choice.get(key), str):
+                choice[key] = copy(choice[key], "profiles", choice["kind"])
+    for choice in (*_kinds(table), *_faults(table)):
+        kind: str = choice["kind"]
+        if in_file := split(kind):
+            choice["kind"] = f"./{copy(in_file[0], 'plugins', kind)}:{in_file[1]}"
+        elif ":" in kind and (source := _source_of(kind.partition(":")[0])):
+            digests[kind.partition(":")[0]] = hashlib.sha256(source.read_bytes()).hexdigest()
+    _write(run_directory / "plugins.json", (json.dumps(digests, indent=2) + "\n").encode())
+    _write(run_directory / "fleet.toml", toml(table).encode())
+    return run_directory / "fleet.toml"
+
+
+def _write(file: Path, content: bytes) -> None:
+    """Write a file in one step: agents of a fleet that share a directory may do so at the same time."""
+    file.parent.mkdir(parents=True, exist_ok=True)
+    temporary = file.with_name(f".{file.name}.{os.getpid()}")
+    temporary.write_bytes(content)
+    temporary.replace(file)
+
+
+def _kinds(table: dict[str, Any]) -> Iterator[dict[str, Any]]:
+    """All tables that choose a plug-in."""
+    yield from (table[key] for key in ("topology", "problem", "algorithm", "controller") if key in table)
+    for family in ("algorithms", "plants"):
+        yield from table.get(family, {}).values()
+
+
+def _faults(table: dict[str, Any]) -> Iterator[dict[str, Any]]:
+    """The tables of all faults."""
+    faults = table.get("faults", {})
+    for owner in (faults, *faults.get("rule", ())):
+        yield from (each for key, each in owner.items() if key not in ("rule", *RULE_KEYS) and each)
+
+
+def _free_name(name: str, taken: Iterable[str]) -> str:
+    """``plugins/STEM.py``, or ``plugins/STEM_2.py`` and so on where that is taken."""
+    names: Sequence[str] = list(taken)
+    path, number = PurePosixPath(name), 1
+    while name in names:
+        number += 1
+        name = str(path.with_stem(f"{path.stem}_{number}"))
+    return name
+
+
+def _copy(path: Path, to: Path, kind: str) -> str:
+    """Copy a file, and return its SHA-256."""
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise PluginError(f"{kind}: cannot read {path}: {error.strerror}") from error
+    _write(to, content)
+    return hashlib.sha256(content).hexdigest()
+
+
+def _source_of(module: str) -> Path | None:
+    """The file of an importable module; None if it has none."""
+    loaded = sys.modules.get(module)
+    try:
+        spec = loaded.__spec__ if loaded else importlib.util.find_spec(module)
+    except ImportError:
+        return None
+    return Path(spec.origin) if spec and spec.origin and Path(spec.origin).is_file() else None

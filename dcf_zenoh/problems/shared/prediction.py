@@ -1,0 +1,122 @@
+"""How an agent predicts its own motion in the plane, and what the motion costs it."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from dcf_zenoh.plant import Array, Setpoint, State
+from dcf_zenoh.problems.shared.riccati import solve_riccati
+
+
+class Prediction(NamedTuple):
+    """Linear prediction of z = [px, py, vx, vy] over a horizon H, and a quadratic cost, as functions of the input u.
+
+    u holds planar accelerations in order of time, shape (2 H,), and z[l] = A^l z[0] + G_l u. The cost of motion and
+    effort is f(u) = u' M u + 2 g' u with g = linear @ (z[0] - target at rest), up to a constant.
+
+    Attributes:
+        powers: A^l, l = 0 .. H, each of shape (4, 4).
+        lifts: G_l, l = 0 .. H, each of shape (4, 2 H).
+        quadratic: M, shape (2 H, 2 H).
+        linear: Shape (2 H, 4).
+    """
+
+    powers: list[Array]
+    lifts: list[Array]
+    quadratic: Array
+    linear: Array
+
+    @classmethod
+    def of(
+        cls,
+        sample_time: float,
+        horizon: int,
+        *,
+        state_weight: float | Sequence[float],
+        input_weight: float | Sequence[float],
+        terminal_weight: float,
+        velocity_lag: float | None,
+    ) -> "Prediction":
+        """Lift the model over the horizon.
+
+        Args:
+            sample_time: t_s, in s.
+            horizon: H.
+            state_weight: Q: a number, or the diagonal for [px, py, vx, vy].
+            input_weight: R: a number, or the diagonal for [ax, ay].
+            terminal_weight: beta; the terminal cost is beta z'Pz with P from the discrete Riccati equation.
+            velocity_lag: None for a body that holds the acceleration. Otherwise one that is told the velocity
+                v + a t_s in every step and tends to it with this time constant, in s; 0: it has it at once.
+
+        Raises:
+            ValueError: An argument is out of its range; the message says which.
+
+        Source: Memon et al., eq. (1) and Section IV; the lag is the exact solution of v' = (v_ref - v) / lag.
+        """
+        powers, lifts = _lift(sample_time, horizon, velocity_lag)
+        Q = _square(state_weight, 4, "state_weight")
+        R = _square(input_weight, 2, "input_weight")
+        A, B = powers[1], lifts[1][:, :2]
+        P = terminal_weight * solve_riccati(A, B, Q, R)
+        stages = [(G, Q, power) for G, power in zip(lifts[:-1], powers[:-1], strict=True)]
+        stages.append((lifts[-1], P, powers[-1]))
+        quadratic: Array = np.asarray(np.kron(np.eye(horizon), R) + sum(G.T @ W @ G for G, W, _ in stages), np.float64)
+        linear: Array = np.asarray(sum(G.T @ W @ power for G, W, power in stages))
+        for array in (*powers, *lifts, quadratic, linear):
+            array.setflags(write=False)
+        return cls(powers, lifts, quadratic, linear)
+
+
+def state_ahead(state: State, flown: Setpoint | None, delay: float, lag: float | None) -> Array:
+    """Position and velocity after `delay` (s) under the setpoint that is being flown, shape (2 d,).
+
+    Without one the velocity stays as it is. `lag` is the `velocity_lag` of `Prediction.of`: None for a body that holds
+    the acceleration; otherwise its velocity tends to that of the setpoint, or to rest if that has no acceleration.
+    """
+    position, velocity = state.position, state.velocity
+    if lag is None or flown is None:
+        told = None if flown is None else flown.acceleration
+        acceleration = np.zeros_like(velocity) if told is None else np.resize(told, velocity.shape)
+        return np.concatenate(
+            (position + velocity * delay + acceleration * (delay**2 / 2), velocity + acceleration * delay)
+        )
+    wanted = np.zeros_like(velocity)
+    if flown.acceleration is not None:
+        wanted[: len(flown.velocity)] = flown.velocity
+    left = np.exp(-delay / lag) if lag else 0.0  # share of the way to the wanted velocity
+    apart = velocity - wanted
+    return np.concatenate((position + wanted * delay + apart * lag * (1 - left), wanted + apart * left))
+
+
+def _square(values: float | Sequence[float], size: int, name: str) -> Array:
+    """A diagonal matrix from a number or its diagonal."""
+    given = np.asarray(values, dtype=np.float64)
+    diagonal = np.broadcast_to(given, (size,)) if given.ndim == 0 else given
+    if diagonal.shape != (size,) or min(diagonal) < 0:
+        raise ValueError(f"{name} must be a number >= 0 or {size} of them, not {values}")
+    return np.diag(diagonal)
+
+
+def _lift(sample_time: float, horizon: int, lag: float | None) -> tuple[list[Array], list[Array]]:
+    """Powers A^l and lifted input matrices G_l, l = 0 .. horizon."""
+    eye, zero = np.eye(2), np.zeros((2, 2))
+    A = np.block([[eye, sample_time * eye], [zero, eye]])
+    B = np.vstack([gain * eye for gain in _gains(sample_time, lag)])
+    powers, lifts = [np.eye(4)], [np.zeros((4, 2 * horizon))]
+    for step in range(horizon):
+        powers.append(A @ powers[-1])
+        lift = A @ lifts[-1]
+        lift[:, 2 * step : 2 * step + 2] += B
+        lifts.append(lift)
+    return powers, lifts
+
+
+def _gains(sample_time: float, lag: float | None) -> tuple[float, float]:
+    """What a step at unit acceleration adds to position and velocity, beside p + v t_s and v."""
+    if lag is None:
+        return sample_time**2 / 2, sample_time
+    if not lag >= 0:
+        raise ValueError(f"velocity_lag must be a time >= 0, in s, not {lag}")
+    reached = 1 - np.exp(-sample_time / lag) if lag else 1.0  # share of the way to the new velocity
+    return sample_time * (sample_time - lag * reached), sample_time * reached

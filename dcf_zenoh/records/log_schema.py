@@ -1,0 +1,190 @@
+"""What the log of an agent may hold, checked object by object.
+
+A log is read up to its first object that is none of these, and what comes after it is left out, even where that is
+whole: steps missing in the middle would be taken for steps in which the agent took no part.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, Field, TypeAdapter, ValidationError
+
+from dcf_zenoh.errors import RecordingError
+from dcf_zenoh.records.writer import SCHEMA, StepRecord, read_stream
+from dcf_zenoh.spec import FleetSpec
+
+OWNER = ("agent", "fleet", "seed")  # what a header says of whose log it is
+
+_Integer = Annotated[int, Field(strict=True, ge=-(2**63), lt=2**63)]
+_Count = Annotated[int, Field(strict=True, ge=0, lt=2**63)]
+_Number = Annotated[float, Field(strict=True)]
+_Flag = Annotated[bool, Field(strict=True)]
+_Text = Annotated[str, Field(strict=True)]
+_Note = Annotated[int, Field(strict=True)] | _Number | _Flag  # kept as it is
+_StoppedBy = Literal["agreed", "rounds", "budget", "returned", "abstained"]
+_Link = tuple[_Count, _Count, _Count, _Count, _Count]
+_Passed = tuple[_Count, _Count, _Count, _Count, _Integer, _Integer, _Text]
+_Round = tuple[dict[Any, Any], _Number, dict[_Count, _Integer], dict[_Text, Any]]
+_STEP: TypeAdapter[tuple[Any, ...]] = TypeAdapter(
+    tuple[
+        _Count, _Integer, list[_Number], _Integer, list[_Number], list[_Number], _Count, _Number, _StoppedBy, _Flag,
+        _Count, list[_Link], list[_Passed], dict[_Text, _Note], list[_Round], _Text,
+    ]
+)  # fmt: skip
+
+
+class _Header(BaseModel):
+    agent: _Count
+    fleet: _Text = ""
+    seed: _Integer = 0
+    run: _Text = ""
+    clock_offsets: dict[_Count, tuple[_Number, _Number]] = {}
+
+
+class _Event(BaseModel):
+    event: _Text
+    time: _Integer
+
+
+class _Alarm(_Event):
+    rule: _Text
+
+
+class _End(BaseModel):
+    end: _Text
+    time: _Integer
+    state: list[_Number]
+    remark: _Text
+    counts: dict[_Text, _Count]
+    unmet: list[tuple[_Count, _Text, _Text]]
+
+
+@dataclass
+class Records:
+    """The objects of one log, in the order of time.
+
+    Attributes:
+        header: The first object.
+        lives: How many headers there are.
+        steps: Control steps, ascending.
+        events: What happened at some instant.
+        end: The last of the ends; None if the log was cut off, or is damaged.
+        damage: Where it is damaged, and what stands there; empty if it is not.
+    """
+
+    header: dict[Any, Any] = field(default_factory=dict)
+    lives: int = 0
+    steps: list[StepRecord] = field(default_factory=list)
+    events: list[dict[Any, Any]] = field(default_factory=list)
+    end: dict[Any, Any] | None = None
+    damage: str = ""
+    _begun: bool = False  # whether the present life has a step
+
+    @classmethod
+    def read(cls, data: bytes, fleet: FleetSpec | None = None) -> "Records":
+        """Read a stream up to where it was cut off, or to the first object that is none of a log.
+
+        A file system that lost power can leave zeros at the end of a file; they are no damage.
+
+        Args:
+            data: The stream.
+            fleet: Whose agents and steps there can be; None: any.
+
+        Raises:
+            RecordingError: It does not begin with a header that this version can read.
+        """
+        found, end = cls(), 0
+        try:
+            for item, after in read_stream(data):
+                found._take(item, fleet)
+                end = after
+        except ValueError as error:
+            what = _first_of(error) if isinstance(error, ValidationError) else str(error)
+            if not found.lives:
+                raise RecordingError(f"not a log of an agent: its header cannot be read: {what}") from error
+            if data[end:].strip(b"\0"):
+                found.end = None
+                found.damage = f"damaged {found._last} (byte {end} of {len(data)}): {what}"
+        if not found.lives:
+            raise RecordingError("not a log of an agent: it has no header")
+        return found
+
+    @property
+    def _last(self) -> str:
+        return f"after step {self.steps[-1].step}" if self.steps else "before its first step"
+
+    def _take(self, item: object, fleet: FleetSpec | None) -> None:
+        """Take in the next object.
+
+        Raises:
+            ValueError: It is none that can stand here.
+            RecordingError: It is the first one, and no header of this version.
+        """
+        if not self.lives and not (isinstance(item, dict) and "schema" in item):
+            raise RecordingError("not a log of an agent: it has no header")
+        if isinstance(item, list):
+            self.steps.append(self._step(item, fleet))
+            self._begun = True
+        elif not isinstance(item, dict):
+            raise ValueError(f"expected a list or a map, not {type(item).__name__}")
+        elif "schema" in item:
+            self._take_header(item)
+        elif "event" in item:
+            (_Alarm if item["event"] == "alarm" else _Event).model_validate(item)
+            self.events.append(item)
+        else:
+            _End.model_validate(item)
+            self.end = item
+
+    def _take_header(self, header: dict[Any, Any]) -> None:
+        if header["schema"] != SCHEMA and not self.lives:
+            raise RecordingError(f"log schema {header['schema']!r:.20}; this version reads {SCHEMA}")
+        _Header.model_validate(header)
+        if self.lives and any(header.get(name) != self.header.get(name) for name in ("schema", *OWNER)):
+            raise ValueError(f"a header of {whose(header)} in the log of {whose(self.header)}")
+        self.header = self.header or header
+        self.lives += 1
+        self._begun = False
+
+    def _step(self, item: list[Any], fleet: FleetSpec | None) -> StepRecord:
+        """A control step: the next one, or after a header any later one."""
+        record = StepRecord._make(_STEP.validate_python(item))
+        before = self.steps[-1].step if self.steps else -1
+        if record.step <= before or (self._begun and record.step != before + 1):
+            raise ValueError(f"step {record.step} instead of {before + 1}")
+        if record.acted < record.sensed:
+            raise ValueError("acted before sensing")
+        heard = {link[0] for link in record.links}
+        if any(passed[0] not in heard or (passed[5] < passed[4] and not passed[6]) for passed in record.passed):
+            raise ValueError("passed: a message of nobody that is heard, or one that came before it was sent")
+        if fleet is not None:
+            _check_known(record, heard, fleet)
+        return record
+
+
+def whose(header: Mapping[str, Any]) -> str:
+    """Whose log it is, as its header says."""
+    return ", ".join(f"{name} {header.get(name)!r:.80}" for name in OWNER)
+
+
+def _check_known(record: StepRecord, heard: set[int], fleet: FleetSpec) -> None:
+    """Refuse steps and agents that a fleet does not have.
+
+    Raises:
+        ValueError: There is one.
+    """
+    if strangers := heard - fleet.agents.keys():
+        raise ValueError(f"links: there is no agent {min(strangers)}")
+    latest = max(record.step, max((passed[2] for passed in record.passed), default=0))
+    if latest >= fleet.steps:
+        raise ValueError(f"step {latest} of {fleet.steps}")
+
+
+def _first_of(error: ValidationError) -> str:
+    """The first problem, in one line."""
+    first = error.errors(include_url=False, include_context=False, include_input=False)[0]
+    top, *below = first["loc"]
+    name = StepRecord._fields[top] if isinstance(top, int) and top < len(StepRecord._fields) else top
+    place = (str(part) for part in (name, *below) if isinstance(part, int) or part.isidentifier())
+    return f"{'.'.join(place)}: {first['msg']}"

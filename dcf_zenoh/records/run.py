@@ -1,0 +1,266 @@
+"""A finished (or broken-off) run as arrays to plot and compare."""
+
+import hashlib
+import json
+import logging
+import struct
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import combinations
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from dcf_zenoh.config import load
+from dcf_zenoh.errors import RecordingError
+from dcf_zenoh.plant import Array, read_only
+from dcf_zenoh.problems.shared.diamond import Obstacle
+from dcf_zenoh.records.agent_log import AgentLog, has_log
+from dcf_zenoh.records.writer import log_name
+from dcf_zenoh.spec import FleetSpec
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Run:
+    """All agents' logs of one run, and the fleet that made them.
+
+    Attributes:
+        name: Name of the run.
+        fleet: The resolved fleet.
+        agents: Id -> log, ascending.
+        folder: The run directory; None for a run that was only kept in memory.
+        home: What the paths in the fleet are relative to.
+    """
+
+    name: str
+    fleet: FleetSpec
+    agents: Mapping[int, AgentLog]
+    folder: Path | None = None
+    home: Path = Path()
+
+    @classmethod
+    def read(cls, folder: str | Path) -> "Run":
+        """Read a run directory.
+
+        Raises:
+            RecordingError: It is none, or holds no log at all.
+            ConfigurationError: Its fleet file cannot be read.
+        """
+        folder = Path(folder)
+        if not folder.exists():
+            raise RecordingError(f"{folder}: there is no such directory; expected that of a run")
+        if not (folder / "fleet.toml").is_file():
+            raise RecordingError(f"{folder}: not a run directory: it has no fleet.toml")
+        fleet = load(folder / "fleet.toml", run_plugins=False).spec
+        found = [i for i in fleet.ids if has_log(folder, i)]
+        if not found:
+            raise RecordingError(
+                f"{folder}: not one log of agents {list(fleet.ids)}; expected files like {log_name(1)}"
+            )
+        logs = {}
+        problems = []
+        for i in found:  # one log that cannot be read costs one agent
+            try:
+                logs[i] = AgentLog.load(folder, i, fleet)
+            except RecordingError as error:
+                problems.append(str(error))
+                log.warning("%s", error)
+        for each in logs.values():
+            if each.damage:
+                log.warning("%s; what follows is left out", each.damage)
+        if not logs:
+            raise RecordingError("; ".join(problems))
+        return cls(folder.resolve().name, fleet, logs, folder, folder)
+
+    @property
+    def about(self) -> Mapping[str, Any]:
+        """What the launcher noted of the run (``run.json``); empty if there is none."""
+        path = None if self.folder is None else self.folder / "run.json"
+        if path is None or not path.is_file():
+            return {}
+        found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        return found
+
+    @cached_property
+    def steps(self) -> int:
+        """Steps that every agent has lived to see."""
+        return min(int(log.step[-1]) + 1 if len(log.step) else 0 for log in self.agents.values())
+
+    @cached_property
+    def time(self) -> Array:
+        """Nominal instants t_k of the steps all agents have, s, shape (K,)."""
+        return read_only(np.arange(self.steps) * self.fleet.time.sample_time)
+
+    @cached_property
+    def positions(self) -> Array:
+        """Measured positions, shape (K, N, d), m, in the d dimensions that all agents have: 0 if any has no plant."""
+        d = min(log.path.shape[1] for log in self.agents.values())
+        return np.stack([log.path[log.rows(self.steps), :d] for log in self.agents.values()], axis=1)
+
+    @cached_property
+    def distances(self) -> Array:
+        """Distance of every pair of agents, pairs in order of ids, shape (K, pairs), m; no columns without plants."""
+        if not self.positions.size:
+            return np.empty((self.steps, 0))
+        pairs = list(combinations(range(len(self.agents)), 2))
+        gaps = [np.linalg.norm(self.positions[:, i] - self.positions[:, j], axis=1) for i, j in pairs]
+        return np.stack(gaps, axis=1) if gaps else np.empty((self.steps, 0))
+
+    @cached_property
+    def barriers(self) -> Array:
+        """Barrier value h = |dx| / r1 + |dy| / r2 - 1 of every pair, shape (K, pairs); no columns without radii.
+
+        Source: Memon et al., eq. (6).
+        """
+        radii = self.radii
+        if radii is None or not self.positions.size:
+            return np.empty((self.steps, 0))
+        pairs = list(combinations(range(len(self.agents)), 2))
+        apart = [abs(self.positions[:, i, :2] - self.positions[:, j, :2]) for i, j in pairs]
+        values = [gap[:, 0] / radii[0] + gap[:, 1] / radii[1] - 1 for gap in apart]
+        return np.stack(values, axis=1) if values else np.empty((self.steps, 0))
+
+    @cached_property
+    def radii(self) -> tuple[float, float] | None:
+        """Half axes of the diamond-shaped safety region, m, if the problem has them."""
+        radii = self.fleet.problem.options.get("radii")
+        return None if radii is None else (float(radii[0]), float(radii[1]))
+
+    @cached_property
+    def obstacles(self) -> tuple[Obstacle, ...]:
+        """What stands in the agents' way, if the problem has it."""
+        return tuple(map(Obstacle.of, self.fleet.problem.options.get("obstacles") or ()))
+
+    @cached_property
+    def clearances(self) -> Array:
+        """Barrier value h of every agent with every obstacle, shape (K, N obstacles); no columns without obstacles."""
+        if not self.positions.size:
+            return np.empty((self.steps, 0))
+        values = [
+            abs(self.positions[:, :, :2] - obstacle.at) @ (1 / np.array(obstacle.radii)) - 1
+            for obstacle in self.obstacles
+        ]
+        return np.concatenate(values, axis=1) if values else np.empty((self.steps, 0))
+
+    @cached_property
+    def targets(self) -> Mapping[int, Array]:
+        """Agent -> target, m, of the agents that have one."""
+        found = {i: self.fleet.agent(i).problem.options.get("target") for i in self.agents}
+        return {i: read_only(target) for i, target in found.items() if target is not None}
+
+    @cached_property
+    def arrival_time(self) -> float | None:
+        """Since when all agents have been near their targets, if they stayed so for as long as the fleet asks.
+
+        Where targets are agreed on in flight and not in the fleet file, it is by what the agents found.
+        """
+        rule = self.fleet.time.arrived
+        if rule is None or not self.steps:
+            return None
+        if set(self.targets) != set(self.agents):
+            ends = [log.end for log in self.agents.values()]
+            agreed = [end["time"] * 1e-9 - rule.for_ for end in ends if end is not None and end["end"] == "arrived"]
+            return min(agreed) if len(agreed) == len(ends) else None
+        goals = np.stack([self.targets[i] for i in self.agents])
+        near = (np.linalg.norm(self.positions[..., : goals.shape[1]] - goals, axis=2) <= rule.within).all(axis=1)
+        since = None
+        for instant, close in zip(self.time, near, strict=True):
+            since = (instant if since is None else since) if close else None
+            if since is not None and instant - since >= rule.for_ - 1e-9:
+                return float(since)
+        return None
+
+    @cached_property
+    def digest(self) -> str:
+        """SHA-256 over what the agents did: states, setpoints, decisions and rounds of every step, no clock times."""
+        total = hashlib.sha256()
+        for agent, log in sorted(self.agents.items()):
+            total.update(struct.pack("<qq", agent, len(log.step)))
+            for table in (log.state, log.setpoint, log.decision):
+                total.update(np.ascontiguousarray(table, dtype="<f8").tobytes())
+            total.update(log.rounds.astype("<i8").tobytes())
+        return total.hexdigest()
+
+    @property
+    def gaps(self) -> list[str]:
+        """Agents whose log is missing, breaks off or is damaged. Empty if the run is `complete`."""
+        absent = [f"agent {i} has no log that can be read" for i in self.fleet.ids if i not in self.agents]
+        broken = [
+            f"agent {i}'s log {'is damaged' if log.damage else 'breaks off'} after {_last_step(log)}"
+            for i, log in self.agents.items()
+            if log.end is None
+        ]
+        return absent + broken
+
+    @property
+    def complete(self) -> bool:
+        """Whether every agent recorded its end."""
+        return len(self.agents) == len(self.fleet.agents) and all(log.end for log in self.agents.values())
+
+    def summary(self) -> dict[str, Any]:
+        """The run in one flat object, as ``--json`` prints it."""
+        logs = self.agents.values()
+        received, missing, late, lost = (
+            int(sum(counts[:, column].sum() for log in logs for counts in log.links.values())) for column in range(4)
+        )
+        never_came = sum(log.end["counts"].get("lost", 0) for log in logs if log.end)
+        lost_by = Counter(each.lost_by for log in logs for each in log.passed if each.lost_by)
+        unmet = Counter(f"{fault}: {what}" for log in logs if log.end for _, fault, what in log.end["unmet"])
+        notes: Counter[str] = Counter()
+        for each in (each for log in logs for each in log.notes):
+            notes.update(each)
+        alarms = Counter(event["rule"] for log in logs for event in log.events if event["event"] == "alarm")
+        plants = {spec.plant.kind if spec.plant else "none" for spec in map(self.fleet.agent, self.fleet.ids)}
+        return {
+            "fleet": self.fleet.name,
+            "run": self.name,
+            "clock": self.fleet.time.clock,
+            "plant": ", ".join(sorted(plants)),
+            "topology": self.fleet.topology.kind,
+            "agents": len(self.fleet.agents),
+            "steps": self.steps,
+            "arrived": self.arrival_time is not None,
+            "arrival_time": self.arrival_time,
+            "min_barrier": float(self.barriers.min()) if self.barriers.size else None,
+            "min_clearance": float(self.clearances.min()) if self.clearances.size else None,
+            "min_distance": float(self.distances.min()) if self.distances.size else None,
+            "rounds_per_step": spread_of(np.concatenate([log.rounds for log in logs])),
+            "compute_ms": spread_of(np.concatenate([log.compute for log in logs]) * 1e3),
+            "negotiation_ms": spread_of(np.concatenate([log.negotiation for log in logs]) * 1e3),
+            "ended_by": dict(sorted(Counter(word for log in logs for word in log.stopped_by).items())),
+            "deadline_misses": int(sum(log.late.sum() for log in logs)),
+            "messages": {
+                "published": sum(log.end["counts"].get("published", 0) for log in logs if log.end),
+                "delivered": received + late,
+                "lost": lost + never_came,
+                "late": late,
+                "missing": missing,
+            },
+            "landed": {str(i): log.landed for i, log in self.agents.items() if log.landed},
+            "alarms": dict(sorted(alarms.items())),
+            "lost_by": {"faults": dict(sorted(lost_by.items())), "network": never_came},
+            "unmet": dict(sorted(unmet.items())),
+            "notes": dict(sorted(notes.items())),
+            "digest": self.digest,
+        }
+
+
+def _last_step(log: AgentLog) -> str:
+    return f"step {log.step[-1]}" if len(log.step) else "nothing"
+
+
+def spread_of(values: npt.NDArray[Any]) -> dict[str, float | None]:
+    """Median, 95th percentile and maximum."""
+    if not values.size:
+        return {"median": None, "p95": None, "max": None}
+    return {
+        "median": float(np.median(values)),
+        "p95": float(np.percentile(values, 95)),
+        "max": float(values.max()),
+    }

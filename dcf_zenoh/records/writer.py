@@ -1,0 +1,261 @@
+"""The log of an agent: an append-only msgpack stream, and its reader.
+
+The first object of a stream is the header, a map; then one array per control step, in the order of `StepRecord`'s
+fields; in between maps for what happens at some instant (an agent crashes, a fault is changed); last a map, the end.
+After a restart all this follows once more. A stream that was cut off anywhere is read up to its last whole object. A
+run directory holds one stream per agent beside ``fleet.toml`` (the resolved fleet), ``run.json`` and copies of plug-in
+files.
+"""
+
+import platform
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, BinaryIO, NamedTuple
+
+import msgpack
+import numpy as np
+
+from dcf_zenoh.controllers.controller import Decision
+from dcf_zenoh.errors import RecordingError
+from dcf_zenoh.plant import Setpoint, State
+from dcf_zenoh.rounds.exchange import Outcome
+from dcf_zenoh.rounds.receiver import LinkCount, Note
+
+SCHEMA = 3
+_NONE: Mapping[int, LinkCount] = MappingProxyType({})
+
+
+def log_name(agent: int) -> str:
+    """File name of an agent's stream."""
+    return f"agent-{agent}.msgpack"
+
+
+class StepRecord(NamedTuple):
+    """One control step of one agent. Times in ns; fleet time unless said otherwise.
+
+    Attributes:
+        step: Control step k.
+        sensed: When the state was measured.
+        state: Position and velocity, m and m/s.
+        acted: When the setpoint went to the plant: at the end of the negotiation, or when it was meant to.
+        setpoint: Position, velocity, acceleration as flown; NaN for no acceleration (come to rest).
+        decision: The algorithm's decision.
+        rounds: Communication rounds.
+        residual: The agent's own residual in the last round.
+        stopped_by: What ended the rounds; see `Outcome`, or 'abstained'.
+        late: The step overran: not its own decision flew, but what the fleet file says for that case.
+        compute: Real time spent in the algorithm.
+        links: Per neighbour: id, received, missing, late, lost.
+        passed: What links did to messages: sender, sequence, step, round, entered, due (-1: lost), lost_by.
+        notes: What the controller counted.
+        log: Per round, if asked for: payload, residual, arrivals, noted; see `RoundRecord`.
+        remark: What else there is to say.
+    """
+
+    step: int
+    sensed: int
+    state: list[float]
+    acted: int
+    setpoint: list[float]
+    decision: list[float]
+    rounds: int
+    residual: float
+    stopped_by: str
+    late: bool
+    compute: int
+    links: list[tuple[int, int, int, int, int]]
+    passed: list[Note]
+    notes: Mapping[str, float]
+    log: list[Any]
+    remark: str = ""
+
+    @classmethod
+    def of(
+        cls,
+        step: int,
+        sensed: int,
+        state: State,
+        acted: int,
+        setpoint: Setpoint,
+        outcome: Outcome[Decision],
+        *,
+        late: bool,
+        remark: str = "",
+    ) -> "StepRecord":
+        """The record of a step that was negotiated."""
+        return cls(
+            step=step,
+            sensed=sensed,
+            state=state.vector.tolist(),
+            acted=acted,
+            setpoint=setpoint.vector.tolist(),
+            decision=outcome.result.value.ravel().tolist(),
+            rounds=outcome.rounds,
+            residual=outcome.residual,
+            stopped_by=outcome.stopped_by,
+            late=late,
+            compute=outcome.compute,
+            links=_counts(outcome.links),
+            passed=outcome.passed,
+            notes=outcome.result.notes,
+            log=list(outcome.log),
+            remark=remark,
+        )
+
+    @classmethod
+    def abstained(
+        cls,
+        step: int,
+        sensed: int,
+        state: State,
+        setpoint: Setpoint,
+        remark: str,
+        links: Mapping[int, LinkCount] = _NONE,
+        passed: Sequence[Note] = (),
+    ) -> "StepRecord":
+        """The record of a step in which the agent took no part, or not to its end; what had come until then."""
+        return cls(
+            step, sensed, state.vector.tolist(), sensed, setpoint.vector.tolist(), [], 0, float("inf"), "abstained",
+            False, 0, _counts(links), list(passed), {}, [], remark,
+        )  # fmt: skip
+
+
+def _counts(links: Mapping[int, LinkCount]) -> list[tuple[int, int, int, int, int]]:
+    return [(j, link.received, link.missing, link.late, link.lost) for j, link in links.items()]
+
+
+def _plain(value: object) -> object:
+    """Arrays and numpy numbers as lists and numbers, for msgpack."""
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    if isinstance(value, Mapping):
+        return dict(value)
+    raise TypeError(f"cannot record {type(value).__name__} {value!r:.60}")
+
+
+class Recorder:
+    """Writes one agent's stream; every object is handed to the operating system at once.
+
+    Args:
+        stream: Open for writing bytes, unbuffered.
+        agent: Id.
+        about: What else the header says: fleet, run, seed, clock.
+        observe: Told of every record once it is written.
+    """
+
+    def __init__(
+        self,
+        stream: BinaryIO,
+        agent: int,
+        about: Mapping[str, Any],
+        observe: Callable[[StepRecord], None] = lambda _record: None,
+    ) -> None:
+        self._stream = stream
+        self._observe = observe
+        packages = ("dcf-zenoh", "numpy", "eclipse-zenoh", "msgpack", "osqp", "scipy")
+        self._write(
+            {
+                "schema": SCHEMA,
+                "agent": agent,
+                **about,
+                "started": datetime.now(UTC).isoformat(),
+                "python": platform.python_version(),
+                "versions": {name: version(name) for name in packages},
+                "processor": f"{platform.machine()} {platform.processor()}".strip(),
+                "system": platform.platform(),
+                "fields": StepRecord._fields,
+            }
+        )
+
+    def step(self, record: StepRecord) -> None:
+        """Append one control step."""
+        self._write(record)
+        self._observe(record)
+
+    def event(self, what: str, now: int, **about: Any) -> None:
+        """Append that something happened at `now`, fleet time in ns."""
+        self._write({"event": what, "time": now, **about})
+
+    def end(
+        self,
+        reason: str,
+        now: int,
+        state: State,
+        remark: str = "",
+        counts: Mapping[str, int] | None = None,
+        unmet: Sequence[tuple[int, str, str]] = (),
+    ) -> None:
+        """Append the end: its reason, the fleet time in ns, the last state, and what `Exchange` has counted."""
+        self._write(
+            {
+                "end": reason,
+                "time": now,
+                "state": state.vector.tolist(),
+                "remark": remark,
+                "counts": dict(counts or {}),
+                "unmet": unmet,
+            }
+        )
+
+    def _write(self, item: object) -> None:
+        try:
+            left = memoryview(msgpack.packb(item, default=_plain))
+            while left:  # an unbuffered stream may take less than all
+                left = left[self._stream.write(left) :]
+        except OSError as error:
+            raise RecordingError(f"cannot write the log: {error}") from error
+
+
+def read_stream(data: bytes) -> Iterator[tuple[Any, int]]:
+    """The whole objects of a stream, each with where it ends, up to where the stream was cut off.
+
+    Raises:
+        ValueError: What follows is damaged: it is no object.
+    """
+    longest = max(len(data), 1 << 20)  # a length beyond that is refused before memory is taken for it
+    unpacker = msgpack.Unpacker(max_buffer_size=longest, strict_map_key=False)
+    unpacker.feed(data)
+    while True:
+        try:
+            item = unpacker.unpack()
+        except msgpack.OutOfData:
+            return
+        except (TypeError, OverflowError, msgpack.UnpackException) as error:  # keys that are lists; bad time stamps
+            raise ValueError(f"not msgpack: {error}") from error
+        yield item, unpacker.tell()
+
+
+def whole(data: bytes) -> int:
+    """How many bytes of a stream its whole objects take."""
+    end = 0
+    try:
+        for item, after in read_stream(data):
+            if not isinstance(item, list | dict):  # zeros after a loss of power
+                break
+            end = after
+    except ValueError:
+        pass
+    return end
+
+
+def open_log(directory: Path, agent: int, *, again: bool = False) -> BinaryIO:
+    """A new stream in a run directory; or `again` the one that is there, to be continued after its last whole object.
+
+    Raises:
+        RecordingError: It cannot be written; or is there already, or is not.
+    """
+    path = directory / log_name(agent)
+    try:
+        if again:
+            stream = path.open("r+b", buffering=0)
+            stream.truncate(stream.seek(whole(path.read_bytes())))
+            return stream
+        directory.mkdir(parents=True, exist_ok=True)
+        return path.open("wb" if path.is_file() and not path.stat().st_size else "xb", buffering=0)
+    except FileExistsError:
+        raise RecordingError(f"{path}: there is a log already; choose another directory with --out") from None
+    except OSError as error:
+        raise RecordingError(f"{path}: cannot be written: {error.strerror}") from error

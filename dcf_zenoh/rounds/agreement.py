@@ -1,0 +1,79 @@
+"""How a fleet agrees, by the headers of its messages alone, that a step is over and that all have arrived."""
+
+import math
+from collections.abc import Collection, Iterable
+from typing import NamedTuple
+
+from dcf_zenoh.message import Message
+
+
+class Header(NamedTuple):
+    """The part of a message that the agreement lives on; see `Message` for the fields."""
+
+    residuals: tuple[float, ...] = ()
+    stop_at: int = -1
+    settled_hops: int = -1
+
+
+class Agreement:
+    """One agent's view of the agreement within one step.
+
+    Every message carries, for each d below the diameter D, the largest residual within d hops, d rounds ago. So at
+    the end of a round all agents know the fleet's largest residual of D - 1 rounds before, the same number
+    everywhere, and whoever finds it below the threshold knows that everybody does. With a margin, for networks that
+    lose messages, the end is announced so many rounds ahead and the earliest announcement heard counts.
+
+    Args:
+        diameter: Of the communication graph, in hops.
+        neighbours: How many agents this one hears.
+        threshold: The step is over when no residual reaches it.
+        margin: Rounds between announcing the end and leaving.
+        settled: Whether this agent has arrived.
+    """
+
+    def __init__(self, diameter: int, neighbours: int, threshold: float, margin: int, *, settled: bool) -> None:
+        self._diameter = diameter
+        self._neighbours = neighbours
+        self._threshold = threshold
+        self._margin = margin
+        self._farther = (math.inf,) * (max(1, diameter) - 1)  # entries 1 .. D-1 of the next header
+        self._stop_at = -1
+        self._settled_hops = 0 if settled else -1
+
+    def header(self, residual: float) -> Header:
+        """What to send with the agent's own `residual`."""
+        return Header((residual, *self._farther), self._stop_at, self._settled_hops)
+
+    def conclude(self, residual: float, heard: Iterable[Message], round: int) -> bool:
+        """Take in the newest header of each neighbour at the end of `round`; whether this round is the last."""
+        spread = [residual, *self._farther]
+        messages = [message for message in heard if len(message.residuals) == len(spread)]
+        for message in messages:
+            for d, each in enumerate(message.residuals):
+                if each > spread[d]:  # noqa: PLR1730 - max() takes longer
+                    spread[d] = each
+            if message.stop_at >= 0:
+                self._announce(message.stop_at)
+        if spread.pop() < self._threshold:
+            self._announce(round + self._margin)
+        self._farther = tuple(spread)
+        self.settle(messages)
+        return 0 <= self._stop_at <= round
+
+    def settle(self, messages: Collection[Message]) -> None:
+        """Take in who has arrived, from the newest header of each neighbour; sound without rounds in step, too."""
+        if self._settled_hops >= 0:
+            hops = [message.settled_hops for message in messages]
+            if -1 in hops:
+                self._settled_hops = -1
+            elif len(hops) == self._neighbours:
+                self._settled_hops = min((self._settled_hops, *hops)) + 1
+
+    def _announce(self, round: int) -> None:
+        """The earliest end counts."""
+        self._stop_at = round if self._stop_at < 0 else min(self._stop_at, round)
+
+    @property
+    def all_settled(self) -> bool:
+        """Whether every agent of the fleet is known to have arrived."""
+        return self._settled_hops >= self._diameter

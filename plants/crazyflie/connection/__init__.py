@@ -1,0 +1,1 @@
+"""The radio link to a real Crazyflie."""

@@ -1,0 +1,101 @@
+"""Memories of the drone that a client reads and writes. There is one: geometry and calibration of base stations."""
+
+import errno
+import struct
+from collections.abc import Mapping
+
+from plants.crazyflie.emulator.crtp import LOCALISATION, MEMORY, Packet
+
+INFORMATION, READ, WRITE = 0, 1, 2  # channels
+COUNT, DETAILS = 1, 2
+LIGHTHOUSE = 0x14  # type of the memory
+STATIONS = 16  # as many as any configuration of the firmware can have
+PAGE, CALIBRATIONS = 0x100, 0x1000  # bytes per base station; where calibrations begin
+GEOMETRY_SIZE, CALIBRATION_SIZE = 49, 61  # the last byte of each tells whether it is valid
+SIZE = 0x2000
+PERSIST = 0x0B
+
+
+class Lighthouse:
+    """What the drone knows of base stations, and which of them it sees.
+
+    Args:
+        origins: Where those stand that it knows from the beginning, m; facing along x, with a calibration.
+
+    Attributes:
+        received: Bits of the base stations whose light it sees.
+    """
+
+    def __init__(self, origins: Mapping[int, tuple[float, float, float]]) -> None:
+        self._pages = bytearray(SIZE)
+        for station, origin in origins.items():
+            pose = struct.pack("<12f?", *origin, 1, 0, 0, 0, 1, 0, 0, 0, 1, True)
+            calibration = struct.pack("<14fI?", *[0.0] * 14, 0x1000 + station, True)
+            self._pages[station * PAGE : station * PAGE + len(pose)] = pose
+            begin = CALIBRATIONS + station * PAGE
+            self._pages[begin : begin + len(calibration)] = calibration
+        self._stored = bytearray(self._pages)
+        self.received = sum(1 << station for station in origins)
+
+    @property
+    def geometries(self) -> int:
+        """Bits of the base stations whose geometry is valid."""
+        return self._valid(GEOMETRY_SIZE - 1)
+
+    @property
+    def calibrations(self) -> int:
+        """Bits of the base stations whose calibration is valid."""
+        return self._valid(CALIBRATIONS + CALIBRATION_SIZE - 1)
+
+    @property
+    def active(self) -> int:
+        """Bits of the base stations that the estimator makes use of."""
+        return self.received & self.geometries & self.calibrations
+
+    @property
+    def status(self) -> int:
+        """0: no base station is seen; 1: something is missing of those that are; 2: all is well."""
+        return 2 if self.active else int(self.received > 0)
+
+    def receive(self, channel: int, data: bytes) -> list[Packet]:
+        """Answer a packet on the port of memories."""
+        if channel == INFORMATION:
+            return self._information(data)
+        error, read = self._access(channel, data)
+        return [Packet(MEMORY, channel, data[:5] + bytes((error,)) + read)]
+
+    def persist(self, data: bytes) -> list[Packet]:
+        """Keep what is known of some base stations over a restart, as a packet on the port of localisation asks."""
+        masks = struct.unpack("<HH", data[1:5])
+        for begin, mask in zip((0, CALIBRATIONS), masks, strict=True):
+            for page in (begin + PAGE * station for station in range(STATIONS) if mask >> station & 1):
+                self._stored[page : page + PAGE] = self._pages[page : page + PAGE]
+        return [Packet(LOCALISATION, 1, data[:1] + b"\1")]
+
+    def restart(self) -> None:
+        """Know what was kept, and no more."""
+        self._pages = bytearray(self._stored)
+
+    def _information(self, data: bytes) -> list[Packet]:
+        if data[0] == COUNT:
+            return [Packet(MEMORY, INFORMATION, bytes((COUNT, 1)))]
+        if data[0] == DETAILS and data[1] == 0:
+            return [Packet(MEMORY, INFORMATION, struct.pack("<BBBI8x", DETAILS, 0, LIGHTHOUSE, SIZE))]
+        return [Packet(MEMORY, INFORMATION, data[:2])]
+
+    def _access(self, channel: int, data: bytes) -> tuple[int, bytes]:
+        """Read or write; the error number, 0 if there is none, and what was read."""
+        memory, address = struct.unpack("<BI", data[:5])
+        written = data[5:] if channel == WRITE else b""
+        end = address + (data[5] if channel == READ else len(written))
+        if memory != 0 or channel not in (READ, WRITE):
+            return errno.ENOENT, b""
+        if end > SIZE:
+            return errno.EIO, b""
+        if channel == WRITE:
+            self._pages[address:end] = written
+            return 0, b""
+        return 0, bytes(self._pages[address:end])
+
+    def _valid(self, offset: int) -> int:
+        return sum(1 << station for station in range(STATIONS) if self._pages[station * PAGE + offset])

@@ -1,0 +1,147 @@
+"""Setpoints as clients send them, one at a time, in the terms of the cascade."""
+
+import math
+import struct
+from collections.abc import Callable
+from typing import NamedTuple
+
+from plants.crazyflie.model.cascade import HOVER, POSITION, STOPPED, TILT_CLIMB, TILT_HEIGHT, TILT_THRUST, VELOCITY
+
+NAMES = {
+    STOPPED: "stop",
+    VELOCITY: "velocity",
+    HOVER: "hover",
+    POSITION: "position",
+    TILT_HEIGHT: "tilt_height",
+    TILT_CLIMB: "tilt_climb",
+    TILT_THRUST: "tilt_thrust",
+}
+THRUST_LEAST, THRUST_MOST = 1000, 60000  # motor commands that a client may ask for
+
+
+class Setpoint(NamedTuple):
+    """What the cascade is to follow.
+
+    Attributes:
+        mode: See the modes of `model.cascade`.
+        values: Three values and a heading or yaw rate.
+    """
+
+    mode: int
+    values: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
+
+    @property
+    def levelled(self) -> "Setpoint":
+        """The same without any horizontal motion: level, at the height or climb that it asked for."""
+        third = self.values[2]
+        if self.mode in (HOVER, POSITION, TILT_HEIGHT):
+            return Setpoint(TILT_HEIGHT, (0.0, 0.0, third, 0.0))
+        if self.mode in (VELOCITY, TILT_CLIMB):
+            return Setpoint(TILT_CLIMB, (0.0, 0.0, third, 0.0))
+        if self.mode == TILT_THRUST:
+            return Setpoint(TILT_THRUST, (0.0, 0.0, third, 0.0))
+        return STOP
+
+
+STOP = Setpoint(STOPPED)
+
+
+def generic(data: bytes) -> Setpoint | None:
+    """The setpoint in a packet on the generic port; None if it is of a kind that is not known here.
+
+    Raises:
+        struct.error: The packet is too short or too long for its kind.
+    """
+    decode = KINDS.get(data[0])
+    return None if decode is None else decode(data[1:])
+
+
+def _velocity(rest: bytes, turn: float = 1.0) -> Setpoint:
+    vx, vy, vz, rate = struct.unpack("<4f", rest)
+    return Setpoint(VELOCITY, (vx, vy, vz, turn * math.radians(rate)))
+
+
+def _hover(rest: bytes, turn: float = 1.0) -> Setpoint:
+    ahead, left, rate, height = struct.unpack("<4f", rest)
+    return Setpoint(HOVER, (ahead, left, height, turn * math.radians(rate)))
+
+
+def _tilt_height(rest: bytes, turn: float = 1.0) -> Setpoint:
+    roll, pitch, rate, height = struct.unpack("<4f", rest)
+    return Setpoint(TILT_HEIGHT, _tilt(roll, pitch, turn * rate, height))
+
+
+def _position(rest: bytes) -> Setpoint:
+    x, y, z, yaw = struct.unpack("<4f", rest)
+    return Setpoint(POSITION, (x, y, z, math.radians(yaw)))
+
+
+def _full_state(rest: bytes) -> Setpoint:
+    x, y, z, *_, turned = struct.unpack("<9hI", rest[:22])  # mm; the velocities and accelerations in it are not used
+    return Setpoint(POSITION, (x * 1e-3, y * 1e-3, z * 1e-3, heading(turned)))
+
+
+def _manual(rest: bytes) -> Setpoint | None:
+    roll, pitch, rate, thrust, by_rates = struct.unpack("<fffHB", rest)
+    return None if by_rates else _by_thrust(roll, pitch, rate, thrust)
+
+
+BACK = -1.0  # yaw rates before protocol version 9 were clockwise
+KINDS: dict[int, Callable[[bytes], Setpoint | None]] = {
+    0: lambda _: STOP,
+    1: lambda rest: _velocity(rest, BACK),
+    2: lambda rest: _tilt_height(rest, BACK),
+    5: lambda rest: _hover(rest, BACK),
+    6: _full_state,
+    7: _position,
+    8: _velocity,
+    9: _tilt_height,
+    10: _hover,
+    11: _manual,
+}
+
+
+class ByThrust:
+    """Setpoints of roll, pitch, yaw rate and thrust; thrust is refused until it has once been zero."""
+
+    def __init__(self) -> None:
+        self._locked = True
+
+    def setpoint(self, data: bytes) -> Setpoint:
+        """The setpoint in a packet; it stops the motors while there is no thrust.
+
+        Raises:
+            struct.error: The packet is too short or too long.
+        """
+        roll, pitch, rate, thrust = struct.unpack("<fffH", data)
+        if thrust == 0:
+            self._locked = False
+        return STOP if self._locked else _by_thrust(roll, pitch, rate, thrust)
+
+
+def heading(packed: int) -> float:
+    """Heading, rad, of a unit quaternion in 32 bits: which component is largest, and the three others.
+
+    Two bits name the largest; ten bits for each of the others, a sign and 9 bits of its size in units of 1/√2.
+    """
+    largest, left, parts, square = packed >> 30, packed, [0.0] * 4, 0.0
+    for part in (3, 2, 1, 0):
+        if part != largest:
+            size = (left & 0x1FF) / 0x1FF / math.sqrt(2)
+            parts[part] = -size if left & 0x200 else size
+            square += size * size
+            left >>= 10
+    parts[largest] = math.sqrt(max(0.0, 1.0 - square))
+    x, y, z, w = parts
+    return math.atan2(2 * (x * y + z * w), 1 - 2 * (y * y + z * z))
+
+
+def _by_thrust(roll: float, pitch: float, rate: float, thrust: int) -> Setpoint:
+    if thrust < THRUST_LEAST:
+        return STOP
+    return Setpoint(TILT_THRUST, _tilt(roll, pitch, rate, min(thrust, THRUST_MOST)))
+
+
+def _tilt(roll: float, pitch: float, rate: float, third: float) -> tuple[float, float, float, float]:
+    """Angles in deg, pitch positive nose up as in packets, to rad, positive nose down as in the cascade."""
+    return math.radians(roll), -math.radians(pitch), third, math.radians(rate)

@@ -1,0 +1,1 @@
+"""Flying a real Crazyflie once it is connected: setpoints, watchdog, telemetry, inspection."""

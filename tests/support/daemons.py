@@ -1,0 +1,158 @@
+"""Fleets of real daemons: launched as processes of their own, watched, and always cleaned up."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+from agentd.launcher.rundir import read_about
+from dcf_zenoh.records.agent_log import AgentLog
+from dcf_zenoh.records.writer import log_name
+
+PROCESSES = Path("/proc")
+
+# Three agents that change places, for longer than any test lasts.
+TRIO = """
+name = "trio"
+plant = "point"
+
+[time]
+clock = "wall"
+duration = 60.0
+
+[problem]
+kind = "position_swap"
+
+[algorithm]
+kind = "trades"
+
+[plants.point]
+kind = "point_mass"
+
+[agents.1]
+start = [0.0, 1.0]
+target = [0.0, -1.0]
+
+[agents.2]
+start = [0.0, -1.0]
+target = [0.0, 1.0]
+
+[agents.3]
+start = [1.0, 0.0]
+target = [-1.0, 0.0]
+"""
+
+
+def until(true: Callable[[], object], what: str, within: float = 30.0) -> float:
+    """Wait until something is so; the seconds that it took."""
+    began = time.monotonic()
+    while not true():
+        assert time.monotonic() - began < within, f"not so within {within:g} s: {what}"
+        time.sleep(0.005)  # between two looks
+    return time.monotonic() - began
+
+
+class Launch:
+    """``agentd launch FLEET --no-report`` in a process of its own. Use it in a ``with`` statement.
+
+    Args:
+        fleet: Fleet file, or a name.
+        folder: Run directory; standard output and error of the launcher go beside it.
+        changes: Each for ``--set``.
+        before: Python that runs first in the launcher's process.
+        yes: Real bodies may take off.
+        quiet: The launcher prints an object, and not how far it is (``--json``).
+    """
+
+    def __init__(
+        self, fleet: Path | str, folder: Path, *changes: str, before: str = "", yes: bool = False, quiet: bool = True
+    ) -> None:
+        self.folder = folder
+        start = ["-c", f"{before}\nimport sys; from agentd.cli import main; sys.exit(main())"]
+        options = [word for change in changes for word in ("--set", change)] + ["--yes"] * yes + ["--json"] * quiet
+        command = [sys.executable, *(start if before else ["-m", "agentd"]), "launch", str(fleet), *options]
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        self._out, self._err = folder.with_suffix(".out"), folder.with_suffix(".err")
+        with self._out.open("w") as out, self._err.open("w") as err:
+            self.process = subprocess.Popen(
+                [*command, "--out", str(folder), "--no-report"],
+                stdin=subprocess.DEVNULL,
+                stdout=out,
+                stderr=err,
+            )
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self.process.poll() is None:
+            self.process.kill()
+        self.process.wait(10)
+        for pid in self.daemons().values():
+            os.kill(pid, signal.SIGKILL)
+
+    def daemons(self) -> dict[int, int]:
+        """Agent -> process id, of the daemons that are alive now (or frozen)."""
+        found = {}
+        for path in PROCESSES.glob("[0-9]*/cmdline"):
+            try:
+                words = path.read_bytes().decode(errors="replace").split("\0")
+            except OSError:  # it has just ended
+                continue
+            if str(self.folder / "fleet.toml") in words and "--id" in words:
+                found[int(words[words.index("--id") + 1])] = int(path.parent.name)
+        return found
+
+    def log(self, agent: int) -> AgentLog | None:
+        """What an agent has recorded so far; None if not even a header."""
+        path = self.folder / log_name(agent)
+        data = path.read_bytes() if path.is_file() else b""
+        return AgentLog.read(data, path.name) if data else None
+
+    def flying(self, steps: int = 3, agents_at_least: int = 2, within: float = 60.0) -> dict[int, int]:
+        """Wait until every agent has recorded so many steps; the daemons' process ids."""
+        agents: dict[int, int] = {}
+
+        def all_there() -> bool:
+            assert self.process.poll() is None, f"the launcher has ended: {self.errors}"
+            agents.update(self.daemons())
+            logs = [self.log(i) for i in agents]
+            return len(agents) >= agents_at_least and all(log is not None and len(log.step) >= steps for log in logs)
+
+        until(all_there, f"{steps} steps of all agents", within)
+        return agents
+
+    def end(self, within: float = 20.0) -> int:
+        """Wait until the launcher has ended; its exit code. No daemon may be left."""
+        code = self.process.wait(within)
+        assert self.daemons() == {}, "daemons are left behind"
+        return code
+
+    @property
+    def about(self) -> dict[str, Any]:
+        """What the launcher has noted of the run so far."""
+        return read_about(self.folder)
+
+    @property
+    def errors(self) -> str:
+        """What the launcher has written to standard error."""
+        return self._err.read_text(encoding="utf-8")
+
+    @property
+    def output(self) -> str:
+        """What it has written to standard output."""
+        return self._out.read_text(encoding="utf-8")
+
+    @property
+    def summary(self) -> dict[str, Any]:
+        """The object that it has printed."""
+        found: dict[str, Any] = json.loads(self.output)
+        return found

@@ -1,0 +1,151 @@
+"""Several software Crazyflies in one process, and fleets of daemons that fly them."""
+
+import subprocess
+import sys
+import threading
+from pathlib import Path
+from types import TracebackType
+from typing import IO, Self, cast
+
+from plants.crazyflie.emulator.truth import Record, read_truth
+from tests.support.daemons import Launch
+
+# Agents hover where they start: what is tested is the flight around the control loop.
+HOVERING = """
+name = "hovering"
+
+[time]
+clock = "wall"
+duration = 60.0
+
+[exchange]
+max_rounds = 4             # little work for the machine
+budget = 0.1
+
+[problem]
+kind = "position_swap"
+
+[algorithm]
+kind = "trades"
+
+[plants.hardware]
+kind = "crazyflie_hardware"
+cache = "{cache}"
+retries = 25               # the machine may be busy
+state_age_max = 1.5
+"""
+AGENT = """
+[agents.{agent}]
+start = {place}
+target = {place}
+plants.hardware.uri = "{uri}"
+"""
+PLACES = ([0.0, 0.7], [0.0, -0.7])
+
+
+class Drone:
+    """One of a swarm.
+
+    Args:
+        path: File with the truth.
+        uri: Where it listens.
+    """
+
+    def __init__(self, path: Path, uri: str) -> None:
+        self._path = path
+        self.uri = uri
+
+    @property
+    def truth(self) -> list[Record]:
+        """What it did and was told."""
+        return read_truth(self._path)
+
+    @property
+    def events(self) -> list[str]:
+        """What happened to it, in order."""
+        return [record["event"] for record in self.truth if record.kind == "event"]
+
+    @property
+    def orders(self) -> list[str]:
+        """What it was told, in order."""
+        return [record["command"] for record in self.truth if record.kind == "command"]
+
+    def time_of(self, event: str) -> float:
+        """When something happened to it first, s."""
+        return next(record.time for record in self.truth if record.kind == "event" and record["event"] == event)
+
+    @property
+    def lost_control(self) -> set[str]:
+        """What happened to it that must not."""
+        return {"levelling out", "free fall", "locked", "crashed", "emergency stop"} & set(self.events)
+
+    @property
+    def landed_softly(self) -> bool:
+        """It came down with its motors running, in control, and they are off."""
+        touched = [
+            record["soft"] for record in self.truth if record.kind == "event" and record["event"] == "touched down"
+        ]
+        return bool(touched) and all(touched) and not self.lost_control and "disarmed" in self.events
+
+
+class Swarm:
+    """``agentd emulate-crazyflie`` as a process. Use it in a ``with`` statement.
+
+    Args:
+        folder: Where it writes the truth.
+        count: How many drones.
+        options: Others of the command.
+    """
+
+    def __init__(self, folder: Path, count: int, *options: str) -> None:
+        command = [sys.executable, "-m", "agentd", "emulate-crazyflie", "--n", str(count), "--port", "0", *options]
+        self._process = subprocess.Popen(
+            [*command, "--truth", str(folder), "--until-stdin-closes"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+            bufsize=1,
+        )
+        self._talk = threading.Lock()  # around a line and its answer
+        lines = [self._line().split() for _ in range(count)]
+        self.drones = {int(number): Drone(folder / f"drone-{number}.jsonl", uri) for _, number, uri in lines}
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        cast(IO[str], self._process.stdin).close()
+        try:
+            self._process.wait(5)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait(5)
+        cast(IO[str], self._process.stdout).close()
+
+    def say(self, drone: int, line: str) -> None:
+        """Tell a drone something, such as ``battery 3.0``. From any thread."""
+        with self._talk:
+            cast(IO[str], self._process.stdin).write(f"{drone} {line}\n")
+            answer = self._line()
+        assert answer.startswith("ok"), answer
+
+    def fleet(self, folder: Path, drones: tuple[int, ...], more: str = "") -> Path:
+        """A fleet file whose agents 1, 2, ... are these drones, which are put at their starts."""
+        folder.mkdir(parents=True)
+        text = HOVERING.format(cache=folder.parent / "tables")
+        for agent, drone in enumerate(drones, 1):
+            place = PLACES[agent - 1]
+            self.say(drone, f"place {place[0]} {place[1]}")
+            text += AGENT.format(agent=agent, place=place, uri=self.drones[drone].uri)
+        (folder / "hovering.toml").write_text(text + more)
+        return folder / "hovering.toml"
+
+    def _line(self) -> str:
+        return cast(IO[str], self._process.stdout).readline().strip()
+
+
+def launch(fleet: Path, *changes: str) -> Launch:
+    """Launch a fleet; its run directory is beside its file."""
+    return Launch(fleet, fleet.parent / "run", *changes, yes=True, quiet=False)
