@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 
 from dcf_zenoh.faults.bursts import Bursts
+from dcf_zenoh.faults.chain import ALWAYS, FaultChain, Layer
 from dcf_zenoh.faults.latency import Latency
-from dcf_zenoh.faults.link import ALWAYS, Layer, Link
 from dcf_zenoh.faults.loss import Loss
 from dcf_zenoh.message import Last, Message, canonical
 from dcf_zenoh.messaging.delivery import Delivery
@@ -22,11 +22,11 @@ from dcf_zenoh.messaging.delivery import Delivery
 GOAL = 15.0  # µs
 
 
-def chain() -> Link:
+def chain() -> FaultChain:
     """A link on which few messages get lost, so that nearly all go through all three."""
     latency = Latency(1, 2, Path(), mean=0.03, distribution="normal", std=0.005)
     faults = {"loss": Loss(probability=0.01), "bursts": Bursts(mean_loss=0.01, mean_length=3.0), "latency": latency}
-    return Link(0, 1, 2, [Layer(name, [(ALWAYS, fault)]) for name, fault in faults.items()])
+    return FaultChain(0, 1, 2, [Layer(name, [(ALWAYS, fault)]) for name, fault in faults.items()])
 
 
 def stream(count: int) -> list[Delivery]:
@@ -40,7 +40,7 @@ def stream(count: int) -> list[Delivery]:
     return deliveries
 
 
-def cost(link: Link, deliveries: list[Delivery]) -> float:
+def cost(link: FaultChain, deliveries: list[Delivery]) -> float:
     """Mean processor time for a message, in µs."""
     began = time.process_time()
     for each in deliveries:
@@ -57,7 +57,7 @@ def main() -> None:
     faulty, bare = [], []
     for _ in range(options.pairs):
         faulty.append(cost(chain(), deliveries))
-        bare.append(cost(Link(0, 1, 2), deliveries))
+        bare.append(cost(FaultChain(0, 1, 2), deliveries))
     ratio = [a / b for a, b in zip(faulty, bare, strict=True)]
     print(f"{options.messages} messages, {options.pairs} alternating pairs")
     print(f"  three faults, µs:  median {statistics.median(faulty):5.2f}  best {min(faulty):5.2f}   (goal: {GOAL:g})")

@@ -122,8 +122,8 @@ def stack(agent: int, ports: list[int], seconds: float) -> None:
     from dcf_zenoh.records.writer import Recorder  # noqa: PLC0415
     from dcf_zenoh.requests import Loop, Wait  # noqa: PLC0415
     from dcf_zenoh.rounds.exchange import Exchange  # noqa: PLC0415
-    from dcf_zenoh.rounds.receiver import Reception  # noqa: PLC0415
-    from dcf_zenoh.rounds.sender import Transmission  # noqa: PLC0415
+    from dcf_zenoh.rounds.receiver import Receiver  # noqa: PLC0415
+    from dcf_zenoh.rounds.sender import Sender  # noqa: PLC0415
     from dcf_zenoh.spec import Rounds  # noqa: PLC0415
 
     agents = range(len(ports))
@@ -155,9 +155,9 @@ def stack(agent: int, ports: list[int], seconds: float) -> None:
 
     mailbox = Mailbox(hood.receives_from)
     rounds = Rounds(max_rounds=10**9, threshold=0.0)
-    reception = Reception(mailbox, hold=True, watch=True)
+    reception = Receiver(mailbox, hold=True, watch=True)
     exchange = Exchange(
-        agent, lambda _step: hood, rounds, mailbox, reception, Transmission(agent), time.perf_counter_ns, virtual=False
+        agent, lambda _step: hood, rounds, mailbox, reception, Sender(agent), time.perf_counter_ns, virtual=False
     )
     parts = AgentParts(agent, NoPlant(), mailbox, {}, exchange, Recorder(io.BytesIO(), agent, {}), loop())
     with Network(agent, hood, address) as network:

@@ -12,20 +12,20 @@ from dcf_zenoh.config import LoadedFleet, graph_of, weights_of
 from dcf_zenoh.configuration.building.fault_links import links_to, margin_of, needs_positions
 from dcf_zenoh.configuration.building.problem_and_plant import plant_of, problem_of
 from dcf_zenoh.controllers.controller import Controller
-from dcf_zenoh.faults.link import Link
+from dcf_zenoh.faults.chain import FaultChain
 from dcf_zenoh.graph import Graph, Neighbourhood
 from dcf_zenoh.loop.agent import Agent, Ending
-from dcf_zenoh.loop.agent_faults import Fate
+from dcf_zenoh.loop.agent_faults import NodeFaults
 from dcf_zenoh.loop.phases import first_number
 from dcf_zenoh.messaging.mailbox import Mailbox
 from dcf_zenoh.plant import Array, Plant, State
 from dcf_zenoh.plugins import bind, create, load
 from dcf_zenoh.records.writer import Recorder, StepRecord
 from dcf_zenoh.requests import Loop
-from dcf_zenoh.rounds.activation import Rhythm
+from dcf_zenoh.rounds.activation import ActivationSchedule
 from dcf_zenoh.rounds.exchange import Exchange
-from dcf_zenoh.rounds.receiver import Reception
-from dcf_zenoh.rounds.sender import Transmission
+from dcf_zenoh.rounds.receiver import Receiver
+from dcf_zenoh.rounds.sender import Sender
 from dcf_zenoh.spec import FleetSpec, nanoseconds
 
 
@@ -58,7 +58,7 @@ class AgentParts:
     id: int
     plant: Plant
     mailbox: Mailbox
-    links: dict[int, Link]
+    links: dict[int, FaultChain]
     exchange: Exchange
     recorder: Recorder
     loop: Loop[Ending]
@@ -120,18 +120,20 @@ class Blueprint:
         mailbox = Mailbox(hood.receives_from, first=None if last_life else first)
         links = links_to(spec, folder, self.graph, agent)
         rounds = spec.exchange.model_copy(update={"margin": margin_of(spec, folder)})
-        transmission = Transmission(agent, last_life.incarnation, 0) if last_life else Transmission(agent, 0, first)
-        reception = Reception(
-            mailbox, links, hold=rounds.missing == "hold", silent_after=rounds.silent_after, watch=not virtual
+        sender = Sender(agent, last_life.incarnation, 0) if last_life else Sender(agent, 0, first)
+        receiver = Receiver(
+            mailbox, links, hold=rounds.missing == "hold", skip_after_rounds=rounds.skip_after_rounds, watch=not virtual
         )
-        fate = Fate(spec.agents[agent].faults, (lambda now, until: exchange.away(0, now, until)) if virtual else None)
+        fate = NodeFaults(
+            spec.agents[agent].faults, (lambda now, until: exchange.away(0, now, until)) if virtual else None
+        )
         exchange = Exchange(
             agent,
             lambda _step: hood,
             rounds,
             mailbox,
-            reception,
-            transmission,
+            receiver,
+            sender,
             time.perf_counter_ns,
             noted=me.take_notes if spec.log.rounds else None,
             rhythm=_rhythm(spec, agent) if rounds.mode == "asynchronous" else None,
@@ -154,8 +156,8 @@ class Blueprint:
         return plant_of(self.fleet.spec, self.fleet.folder, agent)
 
 
-def _rhythm(spec: FleetSpec, agent: int) -> Rhythm:
+def _rhythm(spec: FleetSpec, agent: int) -> ActivationSchedule:
     """When the agent activates, by random numbers of its own."""
     activation = spec.activation(agent)
     rng = np.random.Generator(np.random.Philox([spec.seed, agent, 2]))
-    return Rhythm(nanoseconds(activation.period or 0), nanoseconds(activation.jitter or 0), rng)
+    return ActivationSchedule(nanoseconds(activation.period or 0), nanoseconds(activation.jitter or 0), rng)

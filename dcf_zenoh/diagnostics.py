@@ -11,7 +11,7 @@ _NAMES = {float: "number", int: "whole number", str: "string", dict: "table"}
 _BOUNDS = {"gt": ">", "ge": ">=", "lt": "<", "le": "<="}  # as annotated_types and pydantic name them
 
 
-class Problems:
+class Diagnostics:
     """What is wrong with a fleet file, one line for each key; the first that is found of a key counts."""
 
     def __init__(self) -> None:

@@ -59,7 +59,7 @@ class Message(NamedTuple):
         round: Round p within the step.
         sent: Fleet time of sending, in ns since the start.
         stop_at: Round after which the sender leaves this step, or -1 while that is open.
-        settled_hops: All agents within this many hops have arrived, as of this step; -1: the sender, or one that
+        arrived_hops: All agents within this many hops have arrived, as of this step; -1: the sender, or one that
             it heard of, has not.
         promise: Fleet time before which the sender will send nothing more, in ns (asynchronous mode); else 0.
         last: Whether more will follow.
@@ -75,7 +75,7 @@ class Message(NamedTuple):
     round: int
     sent: int
     stop_at: int
-    settled_hops: int
+    arrived_hops: int
     promise: int
     last: Last
     residuals: tuple[float, ...]
@@ -189,7 +189,7 @@ def decode(data: bytes) -> Message:
     if type(fields) is not tuple or len(fields) != _LENGTH:
         _refuse(fields)
     (
-        version, sender, incarnation, sequence, step, round, sent, stop_at, settled_hops, promise,
+        version, sender, incarnation, sequence, step, round, sent, stop_at, arrived_hops, promise,
         last, residuals, position, payload,
     ) = fields  # fmt: skip
     if not (  # spelled out: a loop over a table takes longer
@@ -201,7 +201,7 @@ def decode(data: bytes) -> Message:
         and type(round) is int and round >= 0
         and type(sent) is int and sent >= EARLIEST
         and type(stop_at) is int and stop_at >= -1
-        and type(settled_hops) is int and settled_hops >= -1
+        and type(arrived_hops) is int and arrived_hops >= -1
         and type(promise) is int and promise >= 0
         and type(last) is int and 0 <= last < len(_LAST)
         and type(residuals) is tuple and _floats(residuals, inf)
@@ -211,7 +211,7 @@ def decode(data: bytes) -> Message:
         _refuse(fields)
     entries = MappingProxyType({name: _value(name, value) for name, value in payload.items()})
     return _new(Message, (
-        sender, incarnation, sequence, step, round, sent, stop_at, settled_hops, promise, _LAST[last], residuals,
+        sender, incarnation, sequence, step, round, sent, stop_at, arrived_hops, promise, _LAST[last], residuals,
         position, entries,
     ))  # fmt: skip
 

@@ -78,7 +78,7 @@ def run_agent(fleet: LoadedFleet, task: Assignment) -> Last:
         listen=task.endpoints[task.agent],
         connect=endpoints_to_connect(task.agent, linked, task.endpoints),
         settings=fleet.spec.zenoh.settings,
-        patience=HELD_UP if fleet.spec.time.clock == "wall" else fleet.spec.zenoh.silence_timeout,
+        patience=HELD_UP if fleet.spec.time.clock == "wall" else fleet.spec.zenoh.receive_timeout,
     )
     life = last_life(fleet.spec, task.folder, task.agent) if task.rejoin else None
     incarnation = life.incarnation if life else 0
@@ -211,7 +211,7 @@ def _run(
     if fleet.spec.time.clock == "wall":
         ending = run_wall(parts, network, offsets, control.obey, report)
     else:
-        ending = run_virtual(parts, network, fleet.spec.zenoh.silence_timeout, fleet.spec.zenoh.ready_timeout, report)
+        ending = run_virtual(parts, network, fleet.spec.zenoh.receive_timeout, fleet.spec.zenoh.ready_timeout, report)
     if ending.cause is None:
         await_goodbyes(parts, network, GOODBYE_TIMEOUT)
     return ending

@@ -13,7 +13,7 @@ log = logging.getLogger(__name__)
 REFUSALS_LOGGED = 5
 
 
-class Feed:
+class Inbound:
     """Moves what arrives from the network into the mailbox.
 
     Args:
@@ -53,7 +53,7 @@ class Feed:
 
     def drain(self, sender: int) -> None:
         """Take in all that `sender` has sent and that is here already."""
-        while (found := self._network.arrived(sender)) is not None:
+        while (found := self._network.poll(sender)) is not None:
             self._take(found)
 
     def events(self, deadline: float) -> bool:

@@ -18,7 +18,7 @@ from dcf_zenoh.configuration.building.fault_links import fault_of
 from dcf_zenoh.configuration.checks.live_faults import refusals
 from dcf_zenoh.diagnostics import listed
 from dcf_zenoh.errors import ConfigurationError, MessageError
-from dcf_zenoh.faults.link import Link
+from dcf_zenoh.faults.chain import FaultChain
 from dcf_zenoh.records.agent_log import AgentLog
 from dcf_zenoh.records.writer import Recorder
 from dcf_zenoh.spec import AgentId, Switch, Table
@@ -163,7 +163,7 @@ class Control:
         agent: int,
         fleet: LoadedFleet,
         neighbours: tuple[int, ...],
-        links: dict[int, Link],
+        links: dict[int, FaultChain],
         recorder: Recorder,
         end: Callable[[str], None],
     ) -> None:
@@ -226,7 +226,7 @@ class Control:
                 raise ConfigurationError(problems)
             faults = {j: fault_of(name, what.fault, j, self._agent, folder) for j in what.senders}
             for j, fault in faults.items():
-                link = self._links.setdefault(j, Link(spec.seed, j, self._agent))
+                link = self._links.setdefault(j, FaultChain(spec.seed, j, self._agent))
                 link.add(name, (done.time, inf), fault)
         self._done.append(done)
 

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from agentd.daemon.inbound import Feed, Stamps
+from agentd.daemon.inbound import Inbound, Stamps
 from dcf_zenoh.assembly import AgentParts
 from dcf_zenoh.clock import VirtualClock, WallClock
 from dcf_zenoh.errors import NeighbourLost, Silence
@@ -75,7 +75,7 @@ def run_wall(
     def obey_now(request: bytes) -> bytes:
         return obey(request, max(0, clock.now()) if network.start else 0)  # before the start it is no fleet time
 
-    feed = Feed(network, mailbox, Stamps(clock.now, offsets), obey_now)
+    feed = Inbound(network, mailbox, Stamps(clock.now, offsets), obey_now)
 
     def hear(request: Wait) -> None:
         """Wait for messages, at most until the request's time; nobody waits for the dead."""
@@ -150,7 +150,7 @@ def run_virtual(
         Silence: A neighbour said nothing for too long.
     """
     clock, mailbox = VirtualClock(), parts.mailbox
-    feed = Feed(network, mailbox, _as_sent)
+    feed = Inbound(network, mailbox, _as_sent)
 
     def lacks(request: Wait | Activate) -> tuple[int, ...]:
         if isinstance(request, Activate):
@@ -197,7 +197,7 @@ def run_virtual(
 
 def await_goodbyes(parts: AgentParts, network: Network, timeout: float) -> None:
     """Keep the session open until the neighbours have ended too, so that nobody loses what is on its way."""
-    feed = Feed(network, parts.mailbox, _as_sent)
+    feed = Inbound(network, parts.mailbox, _as_sent)
     deadline = time.monotonic() + timeout
     for j in parts.mailbox.senders:
         while not parts.mailbox.departed(j) and j not in parts.mailbox.lost and time.monotonic() < deadline:

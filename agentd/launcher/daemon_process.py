@@ -12,7 +12,7 @@ from typing import Any
 
 
 @dataclass
-class Daemon:
+class DaemonProcess:
     """One child process.
 
     Attributes:
@@ -58,7 +58,7 @@ class Daemon:
         return lines[-1].removeprefix("agentd: ") if lines else ""
 
 
-def spawn(folder: Path, agent: int) -> Daemon:
+def spawn(folder: Path, agent: int) -> DaemonProcess:
     """Start one daemon, in a session of its own so that Ctrl-C reaches the launcher alone."""
     command = [sys.executable, "-m", "agentd", "run", str(folder / "fleet.toml"), "--id", str(agent)]
     command += ["--out", str(folder), "--supervised"]
@@ -72,4 +72,4 @@ def spawn(folder: Path, agent: int) -> Daemon:
             text=True,
             start_new_session=True,
         )
-    return Daemon(agent, process, path)
+    return DaemonProcess(agent, process, path)

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from agentd.daemon.stop_requests import in_foreground
 
 
-class Keys:
+class KeyPresses:
     """What has been pressed; nothing ever where there is no terminal.
 
     Attributes:
@@ -27,10 +27,10 @@ class Keys:
 
 
 @contextmanager
-def listen() -> Iterator[Keys]:
+def listen() -> Iterator[KeyPresses]:
     """Take keys as they are pressed, without Enter and without showing them, while the body runs."""
     if not in_foreground():
-        yield Keys(there=False)
+        yield KeyPresses(there=False)
         return
     import termios  # noqa: PLC0415 - POSIX has it
     import tty  # noqa: PLC0415
@@ -38,6 +38,6 @@ def listen() -> Iterator[Keys]:
     before = termios.tcgetattr(sys.stdin)
     try:
         tty.setcbreak(sys.stdin)
-        yield Keys(there=True)
+        yield KeyPresses(there=True)
     finally:
         termios.tcsetattr(sys.stdin, termios.TCSADRAIN, before)

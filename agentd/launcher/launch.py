@@ -14,10 +14,10 @@ from typing import Any, TypeAlias
 
 from agentd.daemon.stop_requests import in_foreground
 from agentd.exit_codes import NEIGHBOUR_LOST, STOPPED
-from agentd.launcher.daemon_process import Daemon, spawn
+from agentd.launcher.daemon_process import DaemonProcess, spawn
 from agentd.launcher.key_presses import listen
 from agentd.launcher.rundir import free_endpoints, write_about
-from agentd.launcher.terminal import Pilot
+from agentd.launcher.terminal import Terminal
 from dcf_zenoh.config import LoadedFleet, freeze
 from dcf_zenoh.configuration.building.problem_and_plant import plant_classes
 from dcf_zenoh.errors import ConfigurationError, DcfError, Interrupted
@@ -37,7 +37,7 @@ class FleetFailed(DcfError):
     """At least one agent did not reach its planned end. Every process is gone all the same."""
 
 
-class Problems:
+class RunFailures:
     """What went wrong, told at once and kept.
 
     Args:
@@ -94,14 +94,14 @@ def launch(fleet: LoadedFleet, folder: Path, show: Show, say: Say, *, yes: bool 
     reaction = patience = REACTION + landing
     if fleet.spec.time.clock == "wall" and fleet.spec.safety.neighbour_silent.then in ("hold", "continue"):
         patience = fleet.spec.time.duration + landing + LINGER
-    daemons: dict[int, Daemon] = {}
-    problems = Problems(say)
+    daemons: dict[int, DaemonProcess] = {}
+    problems = RunFailures(say)
     interrupted: signal.Signals | None = None
     with _stop_requests() as asked, listen() as keys:
         try:
             for agent in frozen.spec.ids:
                 daemons[agent] = spawn(folder, agent)
-            pilot = Pilot(daemons, keys, say, real=real, yes=yes)
+            pilot = Terminal(daemons, keys, say, real=real, yes=yes)
             interrupted = _supervise(daemons, asked, show, problems, pilot, reaction=reaction, patience=patience)
         finally:
             _end(daemons, problems, TERM + landing)
@@ -117,11 +117,11 @@ def launch(fleet: LoadedFleet, folder: Path, show: Show, say: Say, *, yes: bool 
 
 
 def _supervise(
-    daemons: Mapping[int, Daemon],
+    daemons: Mapping[int, DaemonProcess],
     asked: SimpleQueue[signal.Signals],
     show: Show,
-    problems: Problems,
-    pilot: Pilot,
+    problems: RunFailures,
+    pilot: Terminal,
     *,
     reaction: float,
     patience: float,
@@ -175,7 +175,7 @@ def _supervise(
     return None
 
 
-def _death(daemon: Daemon, after: float) -> str:
+def _death(daemon: DaemonProcess, after: float) -> str:
     """How a daemon ended, and when."""
     code = daemon.code or 0
     daemon.reader.join(LAST_STATUS)
@@ -184,11 +184,11 @@ def _death(daemon: Daemon, after: float) -> str:
     return f"{how} {after:.1f} s after the launch{_progress(daemon)}" + (f": {words}" if words else "")
 
 
-def _progress(daemon: Daemon) -> str:
+def _progress(daemon: DaemonProcess) -> str:
     return f", after step {daemon.status['step']}" if "step" in daemon.status else ", before its first step"
 
 
-def _end(daemons: Mapping[int, Daemon], problems: Problems, patience: float) -> None:
+def _end(daemons: Mapping[int, DaemonProcess], problems: RunFailures, patience: float) -> None:
     """Make sure that no daemon is left: ask, wait for `patience` s, and end by force whoever does not listen."""
     running = [daemon for daemon in daemons.values() if daemon.process.poll() is None]
     for daemon in running:

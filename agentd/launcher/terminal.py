@@ -3,11 +3,11 @@
 from collections.abc import Callable, Mapping
 
 from agentd.daemon.stop_requests import LAND, STOP, TAKE_OFF
-from agentd.launcher.daemon_process import Daemon
-from agentd.launcher.key_presses import Keys
+from agentd.launcher.daemon_process import DaemonProcess
+from agentd.launcher.key_presses import KeyPresses
 
 
-class Pilot:
+class Terminal:
     """Looks after what a person has to say during a flight: when it begins, and when it shall end.
 
     Args:
@@ -19,7 +19,13 @@ class Pilot:
     """
 
     def __init__(
-        self, daemons: Mapping[int, Daemon], keys: Keys, say: Callable[[str], None], *, real: bool, yes: bool
+        self,
+        daemons: Mapping[int, DaemonProcess],
+        keys: KeyPresses,
+        say: Callable[[str], None],
+        *,
+        real: bool,
+        yes: bool,
     ) -> None:
         self._daemons = daemons
         self._keys = keys

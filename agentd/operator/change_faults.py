@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Any
 
 from agentd.daemon.operator_protocol import Answer, Change, Clear, Done, Show, changes_in, decode_answer, encode
-from agentd.operator.fault_history import Stretch, inline, overview, plain, rules, stretches, to_toml
+from agentd.operator.fault_history import FaultPeriod, inline, overview, plain, rules, stretches, to_toml
 from agentd.operator.query import ask
-from agentd.operator.running_fleet import Whereabouts, find_run
+from agentd.operator.running_fleet import RunningFleet, find_run
 from dcf_zenoh.config import graph_of
 from dcf_zenoh.configuration.checks.live_faults import check_change, check_ends, check_rules
 from dcf_zenoh.configuration.reading.overrides import value_of
@@ -40,7 +40,7 @@ def fault(name: str, senders: str | None, receivers: str | None, words: Sequence
     folder = find_run(name)
     if folder != Path(name):
         _say(f"note: the run is {folder}")
-    run = Whereabouts.read(folder)
+    run = RunningFleet.read(folder)
     ends = _ids("--from", senders), _ids("--to", receivers)
     if what in LOOKS:
         return _look(run, check_ends(run.fleet, *ends), what)
@@ -68,7 +68,7 @@ def fault(name: str, senders: str | None, receivers: str | None, words: Sequence
     return _complain(complaints)
 
 
-def _look(run: Whereabouts, rule: FaultRule, what: str) -> int:
+def _look(run: RunningFleet, rule: FaultRule, what: str) -> int:
     """Show or export what was changed."""
     wanted = _links_by_receiver(run, rule)
     times, changes, complaints = _history(run, wanted)
@@ -87,7 +87,7 @@ def _look(run: Whereabouts, rule: FaultRule, what: str) -> int:
     return _complain(complaints)
 
 
-def _export(run: Whereabouts, found: Iterable[Stretch]) -> None:
+def _export(run: RunningFleet, found: Iterable[FaultPeriod]) -> None:
     """Print what was changed as rules; what was not ended lasts as long as the run may."""
     spec = run.fleet.spec
     tables = rules(found, spec.steps * spec.time.sample_time)
@@ -96,7 +96,7 @@ def _export(run: Whereabouts, found: Iterable[Stretch]) -> None:
         _say(f"note: with these rules at the end of the fleet file: {line}")
 
 
-def _history(run: Whereabouts, agents: Iterable[int]) -> tuple[dict[int, int], dict[int, tuple[Done, ...]], list[str]]:
+def _history(run: RunningFleet, agents: Iterable[int]) -> tuple[dict[int, int], dict[int, tuple[Done, ...]], list[str]]:
     """Agent -> its time in ns, agent -> what was changed on the links to it, and who does not tell.
 
     What an agent does not tell, its log may.
@@ -125,7 +125,7 @@ def _history(run: Whereabouts, agents: Iterable[int]) -> tuple[dict[int, int], d
     return times, changes, complaints
 
 
-def _ask(run: Whereabouts, requests: Mapping[int, bytes]) -> tuple[dict[int, Answer], list[str]]:
+def _ask(run: RunningFleet, requests: Mapping[int, bytes]) -> tuple[dict[int, Answer], list[str]]:
     """The answers of those who did what they were asked for, and what is to be said of the others."""
     answers, complaints = {}, []
     found = ask(run.address, requests, TIMEOUT)
@@ -145,7 +145,7 @@ def _ask(run: Whereabouts, requests: Mapping[int, bytes]) -> tuple[dict[int, Ans
     return answers, complaints
 
 
-def _check_changeable(run: Whereabouts) -> None:
+def _check_changeable(run: RunningFleet) -> None:
     """Refuse to change what cannot change.
 
     Raises:
@@ -161,7 +161,7 @@ def _check_changeable(run: Whereabouts) -> None:
         raise ConfigurationError("this run is over; its log can still be looked at: show, export", str(run.folder))
 
 
-def _links_by_receiver(run: Whereabouts, rule: FaultRule) -> dict[int, tuple[int, ...]]:
+def _links_by_receiver(run: RunningFleet, rule: FaultRule) -> dict[int, tuple[int, ...]]:
     """Receiver -> senders, of the links that a rule is for."""
     graph = graph_of(run.fleet)
     found = {j: tuple(i for i in graph.in_neighbours(j) if rule.covers(i, j)) for j in graph.agents}

@@ -11,7 +11,7 @@ from dcf_zenoh.records.run import Run
 from dcf_zenoh.spec import FaultRule, FleetSpec, Switch
 
 
-class Stretch(NamedTuple):
+class FaultPeriod(NamedTuple):
     """One change on links to one agent, and when it acted.
 
     Attributes:
@@ -35,7 +35,7 @@ class Stretch(NamedTuple):
         return receiver == self.receiver and sender in self.senders
 
 
-def stretches(receiver: int, changes: Sequence[Done]) -> list[Stretch]:
+def stretches(receiver: int, changes: Sequence[Done]) -> list[FaultPeriod]:
     """When each of the changes on the links to an agent acted, in the order in which they were made."""
     acting: dict[tuple[int, str], int] = {}  # sender, name -> which change
     ends: dict[tuple[int, int], int | None] = {}  # which change, sender -> its end
@@ -53,11 +53,11 @@ def stretches(receiver: int, changes: Sequence[Done]) -> list[Stretch]:
             own = {j: ends[number, j] for j in what.senders}
             for end in dict.fromkeys(own.values()):
                 senders = tuple(sorted(j for j in own if own[j] == end))
-                found.append(Stretch(senders, receiver, what.name, what.fault, done.time, end))
+                found.append(FaultPeriod(senders, receiver, what.name, what.fault, done.time, end))
     return found
 
 
-def rules(found: Iterable[Stretch], length: float) -> list[dict[str, Any]]:
+def rules(found: Iterable[FaultPeriod], length: float) -> list[dict[str, Any]]:
     """What was changed, as rules for the end of the fleet file; what did not act within `length`, in s, is left out."""
     tables = []
     for stretch in sorted(found, key=lambda each: (each.begin, each.receiver)):
@@ -88,7 +88,7 @@ def to_toml(tables: Iterable[Mapping[str, Any]]) -> str:
 
 
 def overview(
-    spec: FleetSpec, links: Iterable[tuple[int, int]], found: Sequence[Stretch], times: Mapping[int, int]
+    spec: FleetSpec, links: Iterable[tuple[int, int]], found: Sequence[FaultPeriod], times: Mapping[int, int]
 ) -> str:
     """For each link what acts, what comes from the fleet file and what was changed, as a table.
 
@@ -149,7 +149,7 @@ def _text(name: str, fault: Switch) -> str:
     )
 
 
-def _told(stretch: Stretch) -> str:
+def _told(stretch: FaultPeriod) -> str:
     end = "" if stretch.end is None else f" to {stretch.end * 1e-9:.3f} s"
     return f"{_text(stretch.name, stretch.fault)} from {stretch.begin * 1e-9:.3f} s{end}"
 

@@ -5,7 +5,7 @@ from typing import Literal
 
 from agentd.daemon.operator_protocol import HALT, Land, decode_answer, encode
 from agentd.operator.query import ask
-from agentd.operator.running_fleet import Whereabouts, find_run
+from agentd.operator.running_fleet import RunningFleet, find_run
 from dcf_zenoh.errors import ConfigurationError, MessageError
 
 TIMEOUT = 3.0  # s for all answers
@@ -24,7 +24,7 @@ def order(name: str, what: Literal["land", "stop"]) -> int:
         NetworkError: Zenoh cannot be opened.
     """
     folder = find_run(name)
-    run = Whereabouts.read(folder)
+    run = RunningFleet.read(folder)
     if run.over:
         raise ConfigurationError("this run is over", str(folder))
     request = HALT if what == "stop" else encode(Land())

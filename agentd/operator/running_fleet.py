@@ -18,7 +18,7 @@ RUNS = Path("runs")
 
 
 @dataclass(frozen=True)
-class Whereabouts:
+class RunningFleet:
     """A run, as its directory tells.
 
     Attributes:
@@ -32,7 +32,7 @@ class Whereabouts:
     about: Mapping[str, Any]
 
     @classmethod
-    def read(cls, folder: Path) -> "Whereabouts":
+    def read(cls, folder: Path) -> "RunningFleet":
         """Read a run directory.
 
         Raises:

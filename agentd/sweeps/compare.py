@@ -22,7 +22,7 @@ MOST = 12  # variants that can still be told apart side by side
 
 
 @dataclass(frozen=True)
-class Outcome:
+class VariantOutcome:
     """What came of one variant.
 
     Attributes:
@@ -99,19 +99,19 @@ def _moves_really(fleet: LoadedFleet) -> bool:
     return any(plant.real for plant in plant_classes(fleet.spec, fleet.folder))
 
 
-def _outcome(variant: Variant, fleet: LoadedFleet, folder: Path, options: Namespace) -> Outcome:
+def _outcome(variant: Variant, fleet: LoadedFleet, folder: Path, options: Namespace) -> VariantOutcome:
     """Run one variant, and read what it left."""
     try:
         if options.launch or fleet.spec.time.clock == "wall":
             _launch(fleet, folder, quiet=options.json, yes=options.yes)
-            return Outcome(variant, folder, Run.read(folder))
-        return Outcome(variant, folder, _simulate(fleet, folder))
+            return VariantOutcome(variant, folder, Run.read(folder))
+        return VariantOutcome(variant, folder, _simulate(fleet, folder))
     except Interrupted:
         raise
     except DcfError as error:
         failure = " ".join(str(error).split())
         print(f"agentd: {variant.name}: failed: {failure}", file=sys.stderr)
-        return Outcome(variant, folder, failure=failure)
+        return VariantOutcome(variant, folder, failure=failure)
 
 
 def _launch(fleet: LoadedFleet, folder: Path, *, quiet: bool, yes: bool) -> None:

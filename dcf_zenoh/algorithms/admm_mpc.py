@@ -3,7 +3,7 @@
 from dcf_zenoh.algorithms.algorithm import Dialogue, Me, Result
 from dcf_zenoh.algorithms.needs import Fraction, needs
 from dcf_zenoh.algorithms.shared.coupling import gather, local_problem
-from dcf_zenoh.algorithms.shared.edge_copies import Copies
+from dcf_zenoh.algorithms.shared.edge_copies import EdgeCopies
 from dcf_zenoh.algorithms.shared.local_qp import LocalQP
 from dcf_zenoh.problems.problem import CoupledGame
 from dcf_zenoh.spec import PositiveFloat
@@ -46,14 +46,14 @@ def admm_mpc(
 
     Source: Summers and Lygeros, "Distributed model predictive consensus via the alternating direction method of
     multipliers", Allerton Conference, 2012; Rey, Pan, Hauswirth, Lygeros, "Fully decentralized ADMM for coordination
-    and collision avoidance", European Control Conference, 2018; the edges: see `Copies`.
+    and collision avoidance", European Control Conference, 2018; the edges: see `EdgeCopies`.
     """
     plan = game.start(me.last)
     shares = yield from gather(me, game, plan)
     if shares is None:
         return me.result(plan)
     local = local_problem(me.id, shares)
-    copies = Copies(me, game, tuple(shares), local, penalty, relax)
+    copies = EdgeCopies(me, game, tuple(shares), local, penalty, relax)
     qp = LocalQP(local, copies.weight, copies.last, multiplier_max)
     x, change = qp.solve(copies.pull), float("inf")
     while True:

@@ -5,7 +5,7 @@ import numpy as np
 from dcf_zenoh.algorithms.algorithm import Dialogue, Me, Result
 from dcf_zenoh.algorithms.needs import Count, Fraction, needs
 from dcf_zenoh.algorithms.shared.coupling import gather, linearised, local_problem
-from dcf_zenoh.algorithms.shared.edge_copies import Copies
+from dcf_zenoh.algorithms.shared.edge_copies import EdgeCopies
 from dcf_zenoh.algorithms.shared.local_qp import LocalQP, Solution
 from dcf_zenoh.plant import nothing
 from dcf_zenoh.problems.problem import NonlinearGame
@@ -51,14 +51,14 @@ def sqp_admm(
     Source: Stomberg, Engelmann, Faulwasser, "Decentralized non-convex optimization via bi-level SQP and ADMM", IEEE
     Conference on Decision and Control, 2022; with a fixed number of inner rounds as in Stomberg, Ebel, Faulwasser,
     Eberhard, "Cooperative distributed MPC via decentralized real-time optimization: implementation results for robot
-    formations", Control Engineering Practice, 2023; the edges: see `Copies`.
+    formations", Control Engineering Practice, 2023; the edges: see `EdgeCopies`.
     """
     plan = game.start(me.last)
     shares = yield from gather(me, game, plan)
     if shares is None:
         return me.result(plan)
     local = local_problem(me.id, shares)
-    copies = Copies(me, game, tuple(shares), local, penalty, relax)
+    copies = EdgeCopies(me, game, tuple(shares), local, penalty, relax)
     x, number = copies.last or Solution(np.tile(game.start(None), len(shares)), nothing()), 0
     while True:
         if number % inner == 0:

@@ -148,7 +148,7 @@ def _step_deviations(agent: int, row: int, one: AgentLog, other: AgentLog) -> It
     records = zip(one.rounds_log[row], other.rounds_log[row], strict=False)
     for round, (record, record_other) in enumerate(records):
         mine, yours = RoundRecord(*record), RoundRecord(*record_other)
-        if mine._replace(arrivals={}) != yours._replace(arrivals={}):
+        if mine._replace(received_at={}) != yours._replace(received_at={}):
             pairs += [(name, *values, round) for name, values in _round_quantities(mine, yours)]
     for name in ("rounds", "residual", "decision", "setpoint"):
         pairs.append((name, getattr(one, name)[row], getattr(other, name)[row], None))

@@ -14,7 +14,7 @@ from dcf_zenoh.configuration.loaded_fleet import LoadedFleet
 from dcf_zenoh.configuration.reading.fault_shorthand import RULE_KEYS
 from dcf_zenoh.configuration.reading.validation import validate
 from dcf_zenoh.configuration.toml_writer import table_of, toml
-from dcf_zenoh.diagnostics import Problems
+from dcf_zenoh.diagnostics import Diagnostics
 from dcf_zenoh.errors import ConfigurationError, PluginError, RecordingError
 from dcf_zenoh.plugins import load, split
 
@@ -37,7 +37,7 @@ def freeze(fleet: LoadedFleet, run_directory: Path) -> LoadedFleet:
         file = _write_all(fleet, run_directory)
     except OSError as error:
         raise RecordingError(f"{run_directory}: cannot be written: {error.strerror}") from error
-    spec = validate(tomllib.loads(file.read_text(encoding="utf-8")), problems := Problems())
+    spec = validate(tomllib.loads(file.read_text(encoding="utf-8")), problems := Diagnostics())
     if spec is None or problems:
         raise ConfigurationError(problems.lines, str(file))
     return LoadedFleet(spec, run_directory, str(file), fleet.notes)

@@ -8,7 +8,7 @@ import numpy as np
 
 from dcf_zenoh.algorithms.algorithm import Dialogue, Me
 from dcf_zenoh.controllers.padding import unstacked
-from dcf_zenoh.controllers.piggyback import Carrier, Table
+from dcf_zenoh.controllers.piggyback import Piggyback, PiggybackTable
 from dcf_zenoh.plant import Array
 
 PATIENCE = 3  # rounds per hop, and one hop more, for the states of a step
@@ -44,7 +44,7 @@ class Sight:
     signs: Signs
 
 
-class Others:
+class FleetStates:
     """Keeps track of the other agents, by tables that ride on every message of every round.
 
     A step begins with rounds of nothing but tables, until all states of the step are there or `PATIENCE` is at its
@@ -66,9 +66,9 @@ class Others:
         self._problem = problem if isinstance(problem, Signed) else None
         self._sample_time = sample_time
         self._age_max = int(lost_after / sample_time + 1e-9)  # steps
-        self._states = Table("states")  # (agent,) -> its state at that step
-        self._signs = Table("signs")  # pair -> its signs in that step and in the next, shape (2, n)
-        self.carrier = Carrier(self._states, self._signs)
+        self._states = PiggybackTable("states")  # (agent,) -> its state at that step
+        self._signs = PiggybackTable("signs")  # pair -> its signs in that step and in the next, shape (2, n)
+        self.carrier = Piggyback(self._states, self._signs)
 
     @property
     def unknown(self) -> list[int]:

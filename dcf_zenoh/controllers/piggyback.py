@@ -26,7 +26,7 @@ class Entry(NamedTuple):
     value: Array
 
 
-class Table:
+class PiggybackTable:
     """The newest value of each key that has been heard from anybody. Keys are tuples of ids, all of one length.
 
     Args:
@@ -76,14 +76,14 @@ class Table:
         self._merged.add(told)
 
 
-class Carrier:
+class Piggyback:
     """Lets tables ride on the messages of a dialogue that knows nothing of them.
 
     Args:
         tables: What rides.
     """
 
-    def __init__(self, *tables: Table) -> None:
+    def __init__(self, *tables: PiggybackTable) -> None:
         self._tables = tables
         self._names = frozenset([ALONE, *(name for table in tables for name in table.names)])
         self._allowed: frozenset[str] = frozenset()  # names of the last payload

@@ -8,7 +8,7 @@ import numpy as np
 from dcf_zenoh.algorithms.algorithm import Algorithm, Dialogue, Me, solve
 from dcf_zenoh.controllers.controller import Controller, Decision
 from dcf_zenoh.controllers.detour import Detour
-from dcf_zenoh.controllers.fleet_states import Others, Signed, Signs
+from dcf_zenoh.controllers.fleet_states import FleetStates, Signed, Signs
 from dcf_zenoh.controllers.flooding import share_states
 from dcf_zenoh.plant import Array, Setpoint, State
 from dcf_zenoh.problems.shared.prediction import state_ahead
@@ -112,7 +112,9 @@ class RecedingHorizon(Controller):
         self._me = me
         self._predict_delay = self.acts_after = predict_delay
         self._local = bool(getattr(problem, "local", False))
-        self._others = Others(me, problem, sample_time, lost_after) if sharing == "ride" and not self._local else None
+        self._others = (
+            FleetStates(me, problem, sample_time, lost_after) if sharing == "ride" and not self._local else None
+        )
         self._posed: StepProblem | None = None
         self._decision: Array = np.empty(0)
         self._stage = 0
@@ -156,7 +158,7 @@ class RecedingHorizon(Controller):
         return self._plan(posed, result.decision, {})
 
     def _ride(
-        self, problem: RecedingHorizonProblem | SignedProblem, others: Others, own: Array, step: int
+        self, problem: RecedingHorizonProblem | SignedProblem, others: FleetStates, own: Array, step: int
     ) -> Dialogue[Decision]:
         sight = yield from others.meet(own, step)
         if sight is None:

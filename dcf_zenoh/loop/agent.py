@@ -19,7 +19,7 @@ from dcf_zenoh.errors import (
     Stopped,
     blaming,
 )
-from dcf_zenoh.loop.agent_faults import Crashed, Fate
+from dcf_zenoh.loop.agent_faults import Crashed, NodeFaults
 from dcf_zenoh.loop.phases import Flight
 from dcf_zenoh.loop.supervisor import Alarm, Supervisor, gravest
 from dcf_zenoh.message import Last
@@ -66,7 +66,7 @@ class Agent:
         exchange: Exchange,
         recorder: Recorder,
         distance_to_go: Callable[[State], float],
-        fate: Fate,
+        fate: NodeFaults,
         last_life: State | None = None,
     ) -> None:
         self._fleet = fleet
@@ -180,7 +180,7 @@ class Agent:
             return None
         sensed = now
         with blaming(AlgorithmError, place):
-            settled = self._arrival.update(now, self._distance_to_go(state))
+            arrived = self._arrival.update(now, self._distance_to_go(state))
             dialogue = self._controller.control(state, step)
         outcome = yield from self._exchange.negotiate(  # 1 communicate, 2 compute
             dialogue,
@@ -188,7 +188,7 @@ class Agent:
             now,
             until=due + self._budget,
             next_step=due + self._sample_time,
-            settled=settled,
+            arrived=arrived,
             here=tuple(state.position.tolist()),
         )
         now = outcome.now
@@ -206,7 +206,7 @@ class Agent:
         remark = self._watch_neighbours(step, now)
         record = StepRecord.of(step, sensed, state, now, setpoint, outcome, late=late, remark=remark)
         self._recorder.step(record)  # 5 log
-        if outcome.all_settled or self._exchange.departed(Last.ARRIVED):
+        if outcome.all_arrived or self._exchange.departed(Last.ARRIVED):
             return Last.ARRIVED
         silent = self._supervisor.neighbours([f"neighbour {j} is lost ({how})" for j, how in self._lost.items()])
         return last or self._react("neighbours", silent, step, now)

@@ -21,7 +21,7 @@ class Crashed(Exception):
         super().__init__(f"crashed at {at * 1e-9:g} s, as the fleet file says")
 
 
-class Fate:
+class NodeFaults:
     """Leads an agent's loop into what shall happen to it. The loop itself knows nothing of it.
 
     Args:

@@ -68,7 +68,7 @@ class ClockOffset:
         return cls(ahead // 2, max(0, trip) // 2)
 
 
-class Meeting:
+class Handshake:
     """One agent's part in meeting its neighbours. It does no I/O.
 
     A neighbour is met when it has answered a hello from here. An agent declares its subscriptions before its first

@@ -29,7 +29,7 @@ from zenoh.handlers import FifoChannel
 from dcf_zenoh.errors import MessageError, NetworkError, NotReady
 from dcf_zenoh.graph import Neighbourhood
 from dcf_zenoh.message import Message, decode, encode
-from dcf_zenoh.messaging.handshake import ClockOffset, Hello, Meeting
+from dcf_zenoh.messaging.handshake import ClockOffset, Handshake, Hello
 from dcf_zenoh.messaging.waker import Waker
 
 HELLO_PERIOD = 0.02  # s between hellos to a neighbour that has not answered
@@ -165,7 +165,7 @@ class Network:
         self._prefix = address.prefix
         self._urgent = urgent
         self._events: SimpleQueue[Event] = SimpleQueue()
-        self._meeting: Meeting | None = None
+        self._meeting: Handshake | None = None
         config = address.config()
         try:
             self._session = zenoh.open(config)
@@ -225,7 +225,7 @@ class Network:
             if not self._events.empty() or time.monotonic() >= deadline:
                 return None
 
-    def arrived(self, sender: int) -> Message | Refused | None:
+    def poll(self, sender: int) -> Message | Refused | None:
         """The next message of the in-neighbour `sender` if it is here already."""
         while (sample := self._channels[sender].try_recv()) is not None:
             data = sample.payload.to_bytes()
@@ -246,7 +246,7 @@ class Network:
         self._waker.poke()
 
     def meet(self, fingerprint: str, timeout: float, incarnation: int = 0) -> dict[int, ClockOffset]:
-        """Say hello to all neighbours until each has answered; see `Meeting`.
+        """Say hello to all neighbours until each has answered; see `Handshake`.
 
         An agent that was started again meets those who are there: it waits `LATECOMERS` for the others.
 
@@ -262,7 +262,7 @@ class Network:
             NotReady: Somebody did not answer; the message names them. Or this agent was told to stop.
             NetworkError: A neighbour runs another fleet.
         """
-        self._meeting = meeting = Meeting(self._agent, self._linked, fingerprint, incarnation)
+        self._meeting = meeting = Handshake(self._agent, self._linked, fingerprint, incarnation)
         aside: list[Event] = []
         deadline, due, enough = time.monotonic() + timeout, 0.0, inf
         while not meeting.over:
@@ -345,7 +345,7 @@ class Network:
             return Refused(self._keys[sender], f"it claims to come from agent {message.sender}")
         return message
 
-    def _greet(self, neighbours: Iterable[int], meeting: Meeting) -> None:
+    def _greet(self, neighbours: Iterable[int], meeting: Handshake) -> None:
         for j in neighbours:
             self._session.put(f"{self._prefix}/hello/{self._agent}/to/{j}", meeting.say(j, time.time_ns()))
 

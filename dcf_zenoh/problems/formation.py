@@ -61,14 +61,14 @@ class Formation:
         self._goal = None if goal is None else read_only(goal)
         self._pull = pull
 
-    def at(self, states: Mapping[int, Array]) -> "Meeting":
+    def at(self, states: Mapping[int, Array]) -> "CentreConsensus":
         """The problem of one control step, given agent -> [position, velocity], of this agent at least."""
         d = len(self.offset)
         position, velocity = (part[:d] for part in np.split(states[self.agent], 2))
         wanted = position - self.offset
         if self._goal is not None:
             wanted = wanted + self._pull * (self._goal - wanted)
-        return Meeting(self, position, velocity, wanted)
+        return CentreConsensus(self, position, velocity, wanted)
 
     def distance_to_go(self, state: State) -> float:
         """Distance to the place around the goal, or else to where the agent was sent last (infinite before that), m."""
@@ -76,7 +76,7 @@ class Formation:
         return float("inf") if end is None else float(np.linalg.norm(state.position[: len(end)] - end))
 
 
-class Meeting(MeanProblem, ConsensusProblem):
+class CentreConsensus(MeanProblem, ConsensusProblem):
     """One agent's part in where the centre shall be, in one control step.
 
     Attributes:

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 
 from dcf_zenoh.plant import Array, State
-from dcf_zenoh.problems.formation import Formation, Meeting
+from dcf_zenoh.problems.formation import CentreConsensus, Formation
 
 
 class Rendezvous:
@@ -33,7 +33,7 @@ class Rendezvous:
         offset = (0.0,) * dimensions
         self._formation = Formation(agent, sample_time, offset=offset, pace=pace, accel_max=accel_max)
 
-    def at(self, states: Mapping[int, Array]) -> Meeting:
+    def at(self, states: Mapping[int, Array]) -> CentreConsensus:
         """The problem of one control step, given agent -> [position, velocity], of this agent at least."""
         return self._formation.at(states)
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 
-class Rhythm:
+class ActivationSchedule:
     """Activation instants of one agent: a period that varies, by random numbers of its own.
 
     Args:

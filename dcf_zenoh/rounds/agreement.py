@@ -12,7 +12,7 @@ class Header(NamedTuple):
 
     residuals: tuple[float, ...] = ()
     stop_at: int = -1
-    settled_hops: int = -1
+    arrived_hops: int = -1
 
 
 class Agreement:
@@ -28,21 +28,21 @@ class Agreement:
         neighbours: How many agents this one hears.
         threshold: The step is over when no residual reaches it.
         margin: Rounds between announcing the end and leaving.
-        settled: Whether this agent has arrived.
+        arrived: Whether this agent has arrived.
     """
 
-    def __init__(self, diameter: int, neighbours: int, threshold: float, margin: int, *, settled: bool) -> None:
+    def __init__(self, diameter: int, neighbours: int, threshold: float, margin: int, *, arrived: bool) -> None:
         self._diameter = diameter
         self._neighbours = neighbours
         self._threshold = threshold
         self._margin = margin
         self._farther = (math.inf,) * (max(1, diameter) - 1)  # entries 1 .. D-1 of the next header
         self._stop_at = -1
-        self._settled_hops = 0 if settled else -1
+        self._arrived_hops = 0 if arrived else -1
 
     def header(self, residual: float) -> Header:
         """What to send with the agent's own `residual`."""
-        return Header((residual, *self._farther), self._stop_at, self._settled_hops)
+        return Header((residual, *self._farther), self._stop_at, self._arrived_hops)
 
     def conclude(self, residual: float, heard: Iterable[Message], round: int) -> bool:
         """Take in the newest header of each neighbour at the end of `round`; whether this round is the last."""
@@ -57,23 +57,23 @@ class Agreement:
         if spread.pop() < self._threshold:
             self._announce(round + self._margin)
         self._farther = tuple(spread)
-        self.settle(messages)
+        self.note_arrived(messages)
         return 0 <= self._stop_at <= round
 
-    def settle(self, messages: Collection[Message]) -> None:
+    def note_arrived(self, messages: Collection[Message]) -> None:
         """Take in who has arrived, from the newest header of each neighbour; sound without rounds in step, too."""
-        if self._settled_hops >= 0:
-            hops = [message.settled_hops for message in messages]
+        if self._arrived_hops >= 0:
+            hops = [message.arrived_hops for message in messages]
             if -1 in hops:
-                self._settled_hops = -1
+                self._arrived_hops = -1
             elif len(hops) == self._neighbours:
-                self._settled_hops = min((self._settled_hops, *hops)) + 1
+                self._arrived_hops = min((self._arrived_hops, *hops)) + 1
 
     def _announce(self, round: int) -> None:
         """The earliest end counts."""
         self._stop_at = round if self._stop_at < 0 else min(self._stop_at, round)
 
     @property
-    def all_settled(self) -> bool:
+    def all_arrived(self) -> bool:
         """Whether every agent of the fleet is known to have arrived."""
-        return self._settled_hops >= self._diameter
+        return self._arrived_hops >= self._diameter

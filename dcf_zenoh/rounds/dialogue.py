@@ -17,17 +17,17 @@ class RoundRecord(NamedTuple):
     Attributes:
         payload: What the agent sent; of edge payloads, neighbour -> payload.
         residual: The agent's own.
-        arrivals: Neighbour -> fleet time at which its message of this round was there, ns.
+        received_at: Neighbour -> fleet time at which its message of this round was there, ns.
         noted: What the algorithm wanted to show (`Me.note`).
     """
 
     payload: Mapping[Any, Any]
     residual: float
-    arrivals: dict[int, int]
+    received_at: dict[int, int]
     noted: Mapping[str, Any]
 
 
-class Talk(Generic[T]):
+class DialogueRun(Generic[T]):
     """Leads one dialogue.
 
     Args:
@@ -93,9 +93,9 @@ class Talk(Generic[T]):
         """Whether it keeps a log of rounds."""
         return self._noted is not None
 
-    def hear(self, own: Mapping[Any, Any], arrivals: dict[int, int]) -> None:
+    def hear(self, own: Mapping[Any, Any], received_at: dict[int, int]) -> None:
         """Note what the inbox that is handed over next answers, for the log."""
-        self._heard = own, self.residual, arrivals
+        self._heard = own, self.residual, received_at
 
     @property
     def result(self) -> T:

@@ -9,11 +9,11 @@ from dcf_zenoh.graph import Neighbourhood
 from dcf_zenoh.message import Last
 from dcf_zenoh.messaging.mailbox import Mailbox
 from dcf_zenoh.requests import NEVER, Activate, Loop, Publish, Wait
-from dcf_zenoh.rounds.activation import Rhythm
+from dcf_zenoh.rounds.activation import ActivationSchedule
 from dcf_zenoh.rounds.agreement import Agreement, Header
-from dcf_zenoh.rounds.dialogue import RoundRecord, Talk
-from dcf_zenoh.rounds.receiver import LinkCount, Note, Reception
-from dcf_zenoh.rounds.sender import Sent, Transmission
+from dcf_zenoh.rounds.dialogue import DialogueRun, RoundRecord
+from dcf_zenoh.rounds.receiver import LinkCount, Note, Receiver
+from dcf_zenoh.rounds.sender import Sender, Sent
 from dcf_zenoh.spec import Rounds, nanoseconds
 
 T = TypeVar("T")
@@ -31,7 +31,7 @@ class Outcome(NamedTuple, Generic[T]):
         compute: Real time spent in the dialogue, ns.
         links: Neighbour -> what came from it.
         passed: What the links did to messages, as far as they have faults or it is to be logged.
-        all_settled: Every agent of the fleet has arrived.
+        all_arrived: Every agent of the fleet has arrived.
         log: One record per round, if those were asked for.
     """
 
@@ -43,7 +43,7 @@ class Outcome(NamedTuple, Generic[T]):
     compute: int
     links: dict[int, LinkCount]
     passed: list[Note]
-    all_settled: bool
+    all_arrived: bool
     log: list[RoundRecord]
 
 
@@ -59,8 +59,8 @@ class Exchange:
         neighbourhood: Step -> whom the agent hears and who hears it.
         settings: Of the fleet file.
         mailbox: Where the runner puts what arrives.
-        reception: Takes it from there.
-        transmission: Numbers what is sent.
+        receiver: Takes it from there.
+        sender: Numbers what is sent.
         stopwatch: Real time in ns, to measure computation; in virtual time it never enters a decision.
         noted: What the algorithm wants to see in the log of a round; None to keep no log of rounds.
         rhythm: Of the agent's activations; None in synchronous mode.
@@ -75,12 +75,12 @@ class Exchange:
         neighbourhood: Callable[[int], Neighbourhood],
         settings: Rounds,
         mailbox: Mailbox,
-        reception: Reception,
-        transmission: Transmission,
+        receiver: Receiver,
+        sender: Sender,
         stopwatch: Callable[[], int],
         *,
         noted: Callable[[], Mapping[str, Any]] | None = None,
-        rhythm: Rhythm | None = None,
+        rhythm: ActivationSchedule | None = None,
         slowness: Callable[[int], float] | None = None,
         virtual: bool = True,
         tells_position: bool = False,
@@ -92,8 +92,8 @@ class Exchange:
         self._compute_time = nanoseconds(settings.compute_time) if virtual else 0
         self._margin = settings.margin or 0
         self._mailbox = mailbox
-        self._reception = reception
-        self._transmission = transmission
+        self._receiver = receiver
+        self._sender = sender
         self._stopwatch = stopwatch
         self._noted = noted
         self._rhythm = rhythm
@@ -109,7 +109,7 @@ class Exchange:
         *,
         until: int = NEVER,
         next_step: int = NEVER,
-        settled: bool = False,
+        arrived: bool = False,
         here: tuple[float, ...] = (),
     ) -> Loop[Outcome[T]]:
         """Lead `dialogue` through the rounds of one step.
@@ -120,7 +120,7 @@ class Exchange:
             now: Fleet time, ns.
             until: End of the step's time budget, ns.
             next_step: When the next step begins, ns.
-            settled: Whether this agent has arrived, to be agreed upon on the way.
+            arrived: Whether this agent has arrived, to be agreed upon on the way.
             here: Where this agent is, m.
 
         Raises:
@@ -129,11 +129,11 @@ class Exchange:
         """
         hood = self._neighbourhood(step)
         agreement = Agreement(
-            hood.diameter, len(hood.receives_from), self._settings.threshold, self._margin, settled=settled
+            hood.diameter, len(hood.receives_from), self._settings.threshold, self._margin, arrived=arrived
         )
-        talk = Talk(dialogue, f"agent {self._agent}: step {step}", self._stopwatch, self._noted)
-        self._transmission.position = here if self._tells_position else ()
-        self._reception.begin(step, hood.receives_from, here)
+        talk = DialogueRun(dialogue, f"agent {self._agent}: step {step}", self._stopwatch, self._noted)
+        self._sender.position = here if self._tells_position else ()
+        self._receiver.begin(step, hood.receives_from, here)
         if self._rhythm is None or step < 0:  # the start is agreed upon in step
             now, stopped_by = yield from self._rounds(talk, hood, agreement, step, now, until)
         else:
@@ -141,16 +141,16 @@ class Exchange:
                 talk, hood, agreement, self._rhythm, step, now, until, next_step
             )
         return Outcome(
-            now, talk.result, talk.rounds, talk.residual, stopped_by, talk.compute, self._reception.links,
-            self._reception.passed, agreement.all_settled, talk.log,
+            now, talk.result, talk.rounds, talk.residual, stopped_by, talk.compute, self._receiver.links,
+            self._receiver.passed, agreement.all_arrived, talk.log,
         )  # fmt: skip
 
     def _rounds(
-        self, talk: Talk[T], hood: Neighbourhood, agreement: Agreement, step: int, now: int, until: int
+        self, talk: DialogueRun[T], hood: Neighbourhood, agreement: Agreement, step: int, now: int, until: int
     ) -> Loop[tuple[int, str]]:
         """Synchronous rounds; when they ended, and why."""
         timeout = self._round_timeout if step >= 0 else NEVER  # before the start there is time
-        reception, senders = self._reception, hood.receives_from
+        receiver, senders = self._receiver, hood.receives_from
         inbox: Inbox | None = None
         stopped_by = ""
         while talk.resume(inbox):
@@ -161,11 +161,11 @@ class Exchange:
             deadline = min(until, now + timeout)
             if senders:
                 now = yield Wait(deadline, senders, step, round)
-            end = reception.round_end(round, now, deadline)
+            end = receiver.round_end(round, now, deadline)
             if end > now:
                 now = yield Wait(end)
-            reception.close(round, now)
-            if agreement.conclude(talk.residual, reception.messages, round):
+            receiver.close(round, now)
+            if agreement.conclude(talk.residual, receiver.messages, round):
                 stopped_by = "agreed"
             elif round + 1 >= self._settings.max_rounds:
                 stopped_by = "rounds"
@@ -175,22 +175,22 @@ class Exchange:
             if step >= 0 and (end := self._computed(talk, now)) > now:
                 now = yield Wait(end)
         if stopped_by in ("", "budget") or self._margin:  # the others may not know that it is through
-            yield Publish(self._transmission.message(now, step, talk.rounds, last=Last.OF_STEP))
+            yield Publish(self._sender.message(now, step, talk.rounds, last=Last.OF_STEP))
         return now, stopped_by or "returned"
 
     def _activations(
         self,
-        talk: Talk[T],
+        talk: DialogueRun[T],
         hood: Neighbourhood,
         agreement: Agreement,
-        rhythm: Rhythm,
+        rhythm: ActivationSchedule,
         step: int,
         now: int,
         until: int,
         next_step: int,
     ) -> Loop[tuple[int, str]]:
         """Activations at instants of the agent's own; when they ended, and why."""
-        reception, senders = self._reception, hood.receives_from
+        receiver, senders = self._receiver, hood.receives_from
         inbox: Inbox | None = None
         stopped_by = ""
         activation = now
@@ -209,19 +209,19 @@ class Exchange:
             for publication in sent.publications:
                 now = yield publication
             now = yield Activate(activation, senders)
-            reception.activate(round, now)
-            agreement.settle(reception.messages)
+            receiver.activate(round, now)
+            agreement.note_arrived(receiver.messages)
             inbox = self._inbox(talk, sent, round, stop=bool(stopped_by), synchronous=False)
         if (end := self._computed(talk, now)) > now:
             now = yield Wait(end)
         if not stopped_by:
-            last = self._transmission.message(now, step, talk.rounds, last=Last.OF_STEP, promise=max(next_step, now))
+            last = self._sender.message(now, step, talk.rounds, last=Last.OF_STEP, promise=max(next_step, now))
             yield Publish(last)
         return now, stopped_by or "returned"
 
     def _sent(
         self,
-        talk: Talk[T],
+        talk: DialogueRun[T],
         hood: Neighbourhood,
         step: int,
         round: int,
@@ -231,17 +231,17 @@ class Exchange:
     ) -> Sent:
         """One round's messages; a payload that cannot be sent is the algorithm's error."""
         try:
-            return self._transmission.round(talk.payload, hood, step, round, now, header, promise)
+            return self._sender.round(talk.payload, hood, step, round, now, header, promise)
         except MessageError as error:
             raise AlgorithmError(f"agent {self._agent}: step {step} round {round}: {error}") from error
 
-    def _inbox(self, talk: Talk[T], sent: Sent, round: int, *, stop: bool, synchronous: bool = True) -> Inbox:
+    def _inbox(self, talk: DialogueRun[T], sent: Sent, round: int, *, stop: bool, synchronous: bool = True) -> Inbox:
         """What the algorithm sees of `round`."""
         if talk.logs:
-            talk.hear(sent.own, self._reception.arrivals(round))
-        return self._reception.inbox(sent.own, sent.names, round, stop=stop, synchronous=synchronous)
+            talk.hear(sent.own, self._receiver.received_at(round))
+        return self._receiver.inbox(sent.own, sent.names, round, stop=stop, synchronous=synchronous)
 
-    def _computed(self, talk: Talk[T], now: int) -> int:
+    def _computed(self, talk: DialogueRun[T], now: int) -> int:
         """When a round's computation is done: after what the settings say, or on the wall clock what is too much."""
         if self._slowness is None:
             return now + self._compute_time
@@ -251,25 +251,25 @@ class Exchange:
 
     def cut_short(self, step: int) -> tuple[dict[int, LinkCount], list[Note]]:
         """What had come in `step` when it broke off."""
-        return self._reception.cut_short(step)
+        return self._receiver.cut_short(step)
 
     def abstain(self, step: int, now: int, next_step: int) -> Publish:
         """Tell the neighbours that this agent takes no part in `step`."""
-        return Publish(self._transmission.message(now, step, last=Last.OF_STEP, promise=next_step))
+        return Publish(self._sender.message(now, step, last=Last.OF_STEP, promise=next_step))
 
     def goodbye(self, step: int, now: int, last: Last) -> Publish:
         """The last message of this agent."""
-        return Publish(self._transmission.message(now, step, last=last))
+        return Publish(self._sender.message(now, step, last=last))
 
     def away(self, step: int, now: int, until: int) -> Publish:
         """Tell the runners of the neighbours that nothing follows before `step`, nor before `until`, ns."""
-        return Publish(self._transmission.message(now, step, last=Last.AWAY, promise=until))
+        return Publish(self._sender.message(now, step, last=Last.AWAY, promise=until))
 
     @property
     def counts(self) -> dict[str, int]:
         """Messages so far: published here; and of the neighbours', those that never came and those not accepted."""
         return {
-            "published": self._transmission.published,
+            "published": self._sender.published,
             "lost": self._mailbox.missing,
             "overtaken": self._mailbox.overtaken,
             "duplicates": self._mailbox.duplicates,
@@ -279,25 +279,25 @@ class Exchange:
     @property
     def unmet(self) -> list[tuple[int, str, str]]:
         """Faults of links that were to act on what no message had: neighbour, name, what that was."""
-        return self._reception.unmet
+        return self._receiver.unmet
 
     def departed(self, last: Last) -> bool:
         """Whether a neighbour has said goodbye with `last`, as far as the model knows."""
-        return last in self._reception.departed.values()
+        return last in self._receiver.departed.values()
 
     @property
     def positions(self) -> dict[int, tuple[float, ...]]:
         """Neighbour -> where it said to be in its newest message of this step, m, of those who told."""
-        return {message.sender: message.position for message in self._reception.messages if message.position}
+        return {message.sender: message.position for message in self._receiver.messages if message.position}
 
     def lost_neighbours(self, step: int, now: int, silent_after: int) -> dict[int, str]:
         """Neighbours that died, failed or have been silent for longer than `silent_after` ns, and which it is."""
         found = {}
         for j in self._neighbourhood(step).receives_from:
-            silence = now - self._reception.last_heard.get(j, 0)
+            silence = now - self._receiver.last_heard.get(j, 0)
             if dead := self._mailbox.dead(j):
                 found[j] = dead
-            elif self._reception.departed.get(j) is Last.LANDED:
+            elif self._receiver.departed.get(j) is Last.LANDED:
                 found[j] = "it has landed"
             elif silence > silent_after:
                 found[j] = f"nothing heard for {silence * 1e-9:.2f} s"

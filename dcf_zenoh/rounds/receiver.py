@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple, TypeAlias
 
 from dcf_zenoh.algorithms.algorithm import Inbox
-from dcf_zenoh.faults.link import Link
+from dcf_zenoh.faults.chain import FaultChain
 from dcf_zenoh.message import Last, Message, Payload
 from dcf_zenoh.messaging.delivery import Delivery
 from dcf_zenoh.messaging.mailbox import Mailbox
@@ -78,7 +78,7 @@ class _Ear:
         self.through = through
 
 
-class Reception:
+class Receiver:
     """What has come from the neighbours, round by round.
 
     A message has arrived once the mailbox holds it. When it is consumed, in the order of sending and not before the
@@ -89,7 +89,7 @@ class Reception:
         mailbox: Where the runner puts what arrives.
         links: Neighbour -> the faults of the link from it, of the links that have any.
         hold: Let the last payload of the same step stand in for a missing one.
-        silent_after: So many rounds without a message make a neighbour silent: it is not waited for.
+        skip_after_rounds: So many rounds without a message make a neighbour silent: it is not waited for.
         watch: Log also what comes over links without faults.
 
     Attributes:
@@ -101,16 +101,16 @@ class Reception:
     def __init__(
         self,
         mailbox: Mailbox,
-        links: Mapping[int, Link] | None = None,
+        links: Mapping[int, FaultChain] | None = None,
         *,
         hold: bool,
-        silent_after: int = 20,
+        skip_after_rounds: int = 20,
         watch: bool = False,
     ) -> None:
         self._mailbox = mailbox
         self._faults = {} if links is None else links
         self._hold = hold
-        self._silent_after = silent_after
+        self._skip_after_rounds = skip_after_rounds
         self._watch = watch
         self._here: tuple[float, ...] = ()
         self._step = -NEVER
@@ -145,7 +145,7 @@ class Reception:
                 self._take(j, ear, arrived)
             due = self._due(ear, round)
             if due is None:
-                awaited = not (ear.through or ear.silence >= self._silent_after or self._mailbox.dead(j))
+                awaited = not (ear.through or ear.silence >= self._skip_after_rounds or self._mailbox.dead(j))
                 due = deadline if awaited else now
             if due > end:  # noqa: PLR1730 - max() takes longer
                 end = due
@@ -194,19 +194,17 @@ class Reception:
             else:
                 self._convey(delivery, faults, ear)
 
-    def _convey(self, delivery: Delivery, faults: Link, ear: _Ear) -> None:
+    def _convey(self, delivery: Delivery, faults: FaultChain, ear: _Ear) -> None:
         """Lead one message through `faults`."""
         passage = faults.convey(Delivery(delivery.message, delivery.entered, delivery.entered, self._here))
         if not passage.deliveries:
             ear.count.lost += 1
             self._note(delivery, -1, passage.lost_by)
             return
-        arrivals = [
-            each if each.due >= delivery.due else each._replace(due=delivery.due) for each in passage.deliveries
-        ]
-        for each in arrivals:
+        copies = [each if each.due >= delivery.due else each._replace(due=delivery.due) for each in passage.deliveries]
+        for each in copies:
             self._note(delivery, each.due)
-        ear.waiting.append(min(arrivals, key=lambda each: each.due))  # its copies say nothing new
+        ear.waiting.append(min(copies, key=lambda each: each.due))  # its copies say nothing new
 
     def _note(self, delivery: Delivery, due: int, lost_by: str = "") -> None:
         message = delivery.message
@@ -262,10 +260,12 @@ class Reception:
     def messages(self) -> list[Message]:
         """The newest message of each neighbour in this step, but of those who have fallen silent."""
         return [
-            ear.newest for ear in self._ears.values() if ear.newest is not None and ear.silence < self._silent_after
+            ear.newest
+            for ear in self._ears.values()
+            if ear.newest is not None and ear.silence < self._skip_after_rounds
         ]
 
-    def arrivals(self, round: int) -> dict[int, int]:
+    def received_at(self, round: int) -> dict[int, int]:
         """Neighbour -> when the message first seen in the own `round` was there, fleet time in ns."""
         return {j: ear.there for j, ear in self._ears.items() if ear.first_seen == round}
 

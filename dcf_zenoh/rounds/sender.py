@@ -30,7 +30,7 @@ class Sent(NamedTuple):
     publications: list[Publish]
 
 
-class Transmission:
+class Sender:
     """Numbers the messages of one agent.
 
     Args:
@@ -96,6 +96,6 @@ class Transmission:
         self._sequence += 1
         self.published += step >= 0 and last < _AWAY  # what the links of the steps carry
         return Message(
-            self._agent, self._incarnation, sequence, step, round, now, header.stop_at, header.settled_hops, promise,
+            self._agent, self._incarnation, sequence, step, round, now, header.stop_at, header.arrived_hops, promise,
             last, header.residuals, self.position, payload,
         )  # fmt: skip

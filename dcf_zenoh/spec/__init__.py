@@ -7,12 +7,12 @@ integer ns (`nanoseconds`) wherever time is computed with.
 from dcf_zenoh.spec.faults import AgentFaults, Crash, FaultRule, Faults, FaultTable, Slow, Switch
 from dcf_zenoh.spec.fleet import (
     Activation,
-    Agent,
     AgentSpec,
+    AgentTable,
     Arrived,
     FleetSpec,
     Log,
-    Network,
+    NetworkTable,
     Rounds,
     Time,
     Topology,
@@ -23,10 +23,10 @@ from dcf_zenoh.spec.table import AgentId, Kind, Name, NonNegativeFloat, Positive
 
 __all__ = [
     "Activation",
-    "Agent",
     "AgentFaults",
     "AgentId",
     "AgentSpec",
+    "AgentTable",
     "Arena",
     "Arrived",
     "Crash",
@@ -39,7 +39,7 @@ __all__ = [
     "LimitRule",
     "Log",
     "Name",
-    "Network",
+    "NetworkTable",
     "NonNegativeFloat",
     "PositiveFloat",
     "Reaction",

@@ -82,7 +82,7 @@ class Rounds(Table):
         default=None,
         description="rounds between announcing the end and leaving; none: 3 if messages can be lost or late, else 0",
     )
-    silent_after: Annotated[int, Field(ge=1)] = Field(
+    skip_after_rounds: Annotated[int, Field(ge=1)] = Field(
         default=20,
         description="rounds without a neighbour's message after which it is not waited for until heard again",
     )
@@ -95,10 +95,10 @@ class Rounds(Table):
 class Log(Table):
     """What is recorded beyond one record per step."""
 
-    rounds: bool = Field(default=False, description="record payload, residual and arrivals of every round")
+    rounds: bool = Field(default=False, description="record payload, residual and reception times of every round")
 
 
-class Network(Table):
+class NetworkTable(Table):
     """Zenoh: where agents listen, and any setting of Zenoh's own."""
 
     base_port: Annotated[int, Field(ge=1024, le=65000)] = Field(
@@ -108,7 +108,7 @@ class Network(Table):
     ready_timeout: PositiveFloat = Field(
         default=30.0, description="longest wait for the neighbours before the start, s"
     )
-    silence_timeout: PositiveFloat = Field(
+    receive_timeout: PositiveFloat = Field(
         default=10.0, description="virtual clock: real s without an awaited message that are an error"
     )
     settings: dict[str, Any] = Field(
@@ -124,7 +124,7 @@ class Activation(Table):
     jitter: NonNegativeFloat | None = Field(default=None, description="s; none: the fleet's")
 
 
-class Agent(Table):
+class AgentTable(Table):
     """One agent and how it differs from the others."""
 
     start: Vector | None = Field(default=None, description="position before the first step, m")
@@ -178,11 +178,11 @@ class FleetSpec(Table):
     algorithms: dict[str, Kind] = Field(default_factory=dict, description="others, chosen by --algorithm NAME")
     controller: Kind | None = Field(default=None, description="none: receding_horizon with plants, solve_once without")
     plants: dict[str, Kind] = Field(default_factory=dict, description="plants by name")
-    agents: Annotated[dict[AgentId, Agent], Field(min_length=1)]
+    agents: Annotated[dict[AgentId, AgentTable], Field(min_length=1)]
     faults: Faults = Field(default=Faults(), description="what the network does to messages")
     safety: Safety = Field(default_factory=Safety)
     log: Log = Field(default_factory=Log)
-    zenoh: Network = Field(default_factory=Network)
+    zenoh: NetworkTable = Field(default_factory=NetworkTable)
 
     @property
     def ids(self) -> tuple[int, ...]:

@@ -21,9 +21,9 @@ from agentd.figures.style import BLUE, GREEN, GREY, INK, ORANGE, RED
 from dcf_zenoh import simulate
 from dcf_zenoh.faults.bandwidth import Bandwidth
 from dcf_zenoh.faults.bursts import Bursts
+from dcf_zenoh.faults.chain import ALWAYS, FaultChain, Layer, Passage
 from dcf_zenoh.faults.fault import Fault
 from dcf_zenoh.faults.latency import Latency
-from dcf_zenoh.faults.link import ALWAYS, Layer, Link, Passage
 from dcf_zenoh.faults.loss import Loss
 from dcf_zenoh.faults.noise import Noise
 from dcf_zenoh.faults.quantisation import Quantisation
@@ -70,7 +70,7 @@ loss = 0.25
 
 def convey(fault: Fault, entering: Sequence[int], values: Array | None = None) -> list[Passage]:
     """Lead one message after the other over a link with one fault; `entering` in ns."""
-    link = Link(SEED, 1, 2, [Layer("fault", [(ALWAYS, fault)])])
+    link = FaultChain(SEED, 1, 2, [Layer("fault", [(ALWAYS, fault)])])
     passages = []
     for number, entered in enumerate(entering):
         payload = canonical({"x": np.array([0.0 if values is None else values[number]])})

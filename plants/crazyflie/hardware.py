@@ -17,13 +17,13 @@ from plants.crazyflie.connection.connecting import connect
 from plants.crazyflie.connection.link import Link
 from plants.crazyflie.connection.outbox import LOOK
 from plants.crazyflie.connection.uri import check_uri, drone_of
-from plants.crazyflie.flying.autopilot import Pilot
+from plants.crazyflie.flying.autopilot import Autopilot
 from plants.crazyflie.flying.bounds import HEIGHT, Bounds, check_range
 from plants.crazyflie.flying.geometry import install
 from plants.crazyflie.flying.inspection import inspect
-from plants.crazyflie.flying.pose import Pose
+from plants.crazyflie.flying.pose import PoseFeed
 from plants.crazyflie.flying.setpoint_stream import Point
-from plants.crazyflie.flying.telemetry import ARMED, Vitals
+from plants.crazyflie.flying.telemetry import ARMED, Telemetry
 from plants.crazyflie.flying.watchdog import link_lost
 
 log = logging.getLogger(__name__)
@@ -38,8 +38,8 @@ class Craft(NamedTuple):
     """One connected drone."""
 
     link: Link
-    vitals: Vitals
-    pilot: Pilot
+    vitals: Telemetry
+    pilot: Autopilot
 
 
 class CrazyflieHardware(Plant):
@@ -75,8 +75,8 @@ class CrazyflieHardware(Plant):
         cache: Folder for the drone's tables; that of the user's caches.
         geometry: File with the poses of Lighthouse's base stations, which the drone is made to know; by default it
             keeps what it has.
-        pose: Key of Zenoh on which another system publishes where the drone is, see `Pose`; ``{agent}`` stands for the
-            id. By default the drone measures that itself.
+        pose: Key of Zenoh on which another system publishes where the drone is, see `PoseFeed`; ``{agent}`` stands for
+            the id. By default the drone measures that itself.
         pose_endpoint: Where that system is to be reached, such as "tcp/192.168.1.5:7447".
 
     Raises:
@@ -139,7 +139,7 @@ class CrazyflieHardware(Plant):
         self._patience = (connect_timeout, retries)
         self._cache = Path(cache).expanduser() if cache else _default_cache()
         self._geometry = Path(geometry).expanduser() if geometry else None
-        self._pose = Pose(pose.replace("{agent}", str(agent)), pose_endpoint) if pose else None
+        self._pose = PoseFeed(pose.replace("{agent}", str(agent)), pose_endpoint) if pose else None
         self._craft: Craft | None = None
         self._checks: tuple[Check, ...] = ()
         self._velocity_reference: Array | None = None
@@ -162,8 +162,8 @@ class CrazyflieHardware(Plant):
                 self._pose.open()
             atexit.register(self.close)  # in case nobody else does
             link = yield from connect(self._uri, self._cache, timeout=timeout, retries=retries)
-            vitals = Vitals(link)
-            self._craft = Craft(link, vitals, Pilot(link, vitals, self._bounds, self._pose))
+            vitals = Telemetry(link)
+            self._craft = Craft(link, vitals, Autopilot(link, vitals, self._bounds, self._pose))
             yield from vitals.listen()
             self._craft.pilot.start()
 

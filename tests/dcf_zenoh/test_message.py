@@ -30,7 +30,7 @@ messages = st.builds(
     residuals=st.lists(st.floats(allow_nan=False), max_size=6).map(tuple),
     position=st.lists(st.floats(allow_nan=False, allow_infinity=False), max_size=3).map(tuple),
     stop_at=st.integers(-1, 2**31),
-    settled_hops=st.integers(-1, 100),
+    arrived_hops=st.integers(-1, 100),
     promise=naturals,
     last=st.sampled_from(Last),
     payload=payloads.map(canonical),

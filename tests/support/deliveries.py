@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
+from dcf_zenoh.faults.chain import ALWAYS, FaultChain, Layer, Passage
 from dcf_zenoh.faults.fault import Fault
-from dcf_zenoh.faults.link import ALWAYS, Layer, Link, Passage
 from dcf_zenoh.message import Last, Message, Payload, canonical
 from dcf_zenoh.messaging.delivery import Delivery
 
@@ -33,12 +33,12 @@ def padded(padding: int, entered: int = 0) -> Delivery:
     return delivery(0, entered, {"x": np.zeros(padding, "u1")})
 
 
-def link(key: tuple[int, int, int] = (0, 1, 2), /, **faults: Fault) -> Link:
+def link(key: tuple[int, int, int] = (0, 1, 2), /, **faults: Fault) -> FaultChain:
     """A link with faults by name, at all times; its key is seed, sender and receiver."""
-    return Link(*key, [Layer(name, [(ALWAYS, fault)]) for name, fault in faults.items()])
+    return FaultChain(*key, [Layer(name, [(ALWAYS, fault)]) for name, fault in faults.items()])
 
 
-def convey(over: Link, count: int = MANY, interval: int = MS) -> list[Passage]:
+def convey(over: FaultChain, count: int = MANY, interval: int = MS) -> list[Passage]:
     """What becomes of so many messages, one each `interval`, in ns."""
     first = delivery()
     passages = []

@@ -33,7 +33,7 @@ sample_time = 6.0
 
 [exchange]
 threshold = 0
-silent_after = 1000000
+skip_after_rounds = 1000000
 KEYS
 
 [problem]

@@ -11,7 +11,7 @@ from dcf_zenoh.problems.central import Whole
 from dcf_zenoh.problems.problem import AggregativeGame
 
 
-class Copies:
+class EdgeCopies:
     """The edge variables z_ij of one agent's copies x of the plans of all, kept from one control step to the next.
 
     ``x = argmin f - sum_j z_ij'x + rho d / 2 |x|²`` is the algorithm's affair, with f what the agent solves and d the

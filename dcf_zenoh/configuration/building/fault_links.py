@@ -7,8 +7,8 @@ from typing import Any
 
 from dcf_zenoh.diagnostics import reason
 from dcf_zenoh.errors import PluginError
+from dcf_zenoh.faults.chain import ALWAYS, FaultChain, Layer
 from dcf_zenoh.faults.fault import Fault, Stage
-from dcf_zenoh.faults.link import ALWAYS, Layer, Link
 from dcf_zenoh.graph import Graph
 from dcf_zenoh.plugins import Plugin, accepted, check_options, check_signature, load, positional
 from dcf_zenoh.plugins.schema import Schema, name_of
@@ -17,7 +17,7 @@ from dcf_zenoh.spec import FaultRule, FaultTable, FleetSpec, Switch, nanoseconds
 MARGIN_WITH_LOSS = 3  # rounds
 
 
-def links_to(spec: FleetSpec, folder: Path, graph: Graph, receiver: int) -> dict[int, Link]:
+def links_to(spec: FleetSpec, folder: Path, graph: Graph, receiver: int) -> dict[int, FaultChain]:
     """The links to one agent that have any fault, by sender.
 
     Args:
@@ -42,7 +42,7 @@ def links_to(spec: FleetSpec, folder: Path, graph: Graph, receiver: int) -> dict
                 fault = recipe.make(sender, receiver) if recipe else None
                 layers.setdefault(name, Layer(name)).entries.append((window, fault))
         if any(fault is not None for layer in layers.values() for _, fault in layer.entries):
-            links[sender] = Link(spec.seed, sender, receiver, layers.values())
+            links[sender] = FaultChain(spec.seed, sender, receiver, layers.values())
     return links
 
 

@@ -1,13 +1,13 @@
 """What the faults of agents must satisfy: crashes and pauses within the run."""
 
 from dcf_zenoh.configuration.checks.times import LONGEST
-from dcf_zenoh.diagnostics import Problems
+from dcf_zenoh.diagnostics import Diagnostics
 from dcf_zenoh.spec import FleetSpec
 
 GO_ON = ", by safety.neighbour_silent.then = 'land'; 'continue' goes on"
 
 
-def check_agents(spec: FleetSpec, problems: Problems, notes: list[str]) -> list[str]:
+def check_agents(spec: FleetSpec, problems: Diagnostics, notes: list[str]) -> list[str]:
     """Note what is wrong with the faults of agents.
 
     Returns:
@@ -45,7 +45,7 @@ def check_agents(spec: FleetSpec, problems: Problems, notes: list[str]) -> list[
     return absences
 
 
-def check_window(spec: FleetSpec, key: str, window: tuple[float, float], problems: Problems) -> None:
+def check_window(spec: FleetSpec, key: str, window: tuple[float, float], problems: Diagnostics) -> None:
     """Check begin and end of something in the run, in s."""
     begin, end = window
     if begin >= end:
@@ -55,7 +55,7 @@ def check_window(spec: FleetSpec, key: str, window: tuple[float, float], problem
     _check_begin(spec, key, begin, problems)
 
 
-def _check_begin(spec: FleetSpec, key: str, begin: float, problems: Problems) -> None:
+def _check_begin(spec: FleetSpec, key: str, begin: float, problems: Diagnostics) -> None:
     length = spec.steps * spec.time.sample_time
     if begin >= length:
         problems.add(key, f"expected within the run, which ends at {length:g} s, not {begin:g} s")

@@ -10,10 +10,10 @@ from dcf_zenoh.configuration.checks.bodies import check_arena, check_body
 from dcf_zenoh.configuration.checks.faults import check_links
 from dcf_zenoh.configuration.checks.layouts import check_layout
 from dcf_zenoh.configuration.checks.needs import check_needs
-from dcf_zenoh.configuration.checks.plugin_lookup import Shelf
+from dcf_zenoh.configuration.checks.plugin_lookup import PluginLookup
 from dcf_zenoh.configuration.checks.times import check_rhythm, check_time, check_timeout
 from dcf_zenoh.configuration.checks.values import check_values
-from dcf_zenoh.diagnostics import Problems, listed, nearest
+from dcf_zenoh.diagnostics import Diagnostics, listed, nearest
 from dcf_zenoh.errors import PluginError, TopologyError
 from dcf_zenoh.graph import Graph
 from dcf_zenoh.plugins import Schema, is_built_in
@@ -21,7 +21,7 @@ from dcf_zenoh.spec import FleetSpec, Kind
 
 
 def check(
-    spec: FleetSpec, folder: Path, problems: Problems, notes: list[str], *, run_plugins: bool, unused: bool = True
+    spec: FleetSpec, folder: Path, problems: Diagnostics, notes: list[str], *, run_plugins: bool, unused: bool = True
 ) -> None:
     """Add to `problems` and `notes` whatever is to be said about `spec`.
 
@@ -39,7 +39,7 @@ def check(
     check_time(spec, problems, notes)
     check_rhythm(spec, problems, notes)
     _check_endpoints(spec, problems)
-    shelf = Shelf(folder, run_plugins, problems, notes)
+    shelf = PluginLookup(folder, run_plugins, problems, notes)
     _check_problem(spec, shelf)
     _check_plants(spec, shelf, unused=unused)
     shelf.check("algorithms", spec.algorithm, "algorithm")
@@ -59,7 +59,7 @@ def check(
     check_timeout(spec, problems, losers=[*check_links(spec, graph, shelf), *check_agents(spec, problems, notes)])
 
 
-def _check_plant_names(spec: FleetSpec, problems: Problems) -> None:
+def _check_plant_names(spec: FleetSpec, problems: Diagnostics) -> None:
     def check_name(key: str, name: str) -> None:
         if name not in spec.plants:
             near = nearest(name, spec.plants)
@@ -80,7 +80,7 @@ def _check_plant_names(spec: FleetSpec, problems: Problems) -> None:
             check_name(f"agents.{agent}.plants.{name}", name)
 
 
-def _check_starts(spec: FleetSpec, problems: Problems) -> None:
+def _check_starts(spec: FleetSpec, problems: Diagnostics) -> None:
     first: tuple[int, int] | None = None
     places: dict[tuple[float, ...], int] = {}
     for agent, own in spec.agents.items():
@@ -103,7 +103,7 @@ def _check_starts(spec: FleetSpec, problems: Problems) -> None:
             )
 
 
-def _check_endpoints(spec: FleetSpec, problems: Problems) -> None:
+def _check_endpoints(spec: FleetSpec, problems: Diagnostics) -> None:
     owners: dict[str, int] = {}
     for agent, own in spec.agents.items():
         if own.endpoint in owners:
@@ -115,7 +115,7 @@ def _check_endpoints(spec: FleetSpec, problems: Problems) -> None:
             owners[own.endpoint] = agent
 
 
-def _check_problem(spec: FleetSpec, shelf: Shelf) -> None:
+def _check_problem(spec: FleetSpec, shelf: PluginLookup) -> None:
     overrides = {agent: dict(own.problem) for agent, own in spec.agents.items()}
     for agent, own in spec.agents.items():
         if own.target is not None:
@@ -131,7 +131,7 @@ def _check_problem(spec: FleetSpec, shelf: Shelf) -> None:
     _check_overridden(shelf, schema, spec.problem, "problem", overrides=overrides, users=spec.agents, key=key)
 
 
-def _check_plants(spec: FleetSpec, shelf: Shelf, *, unused: bool) -> None:
+def _check_plants(spec: FleetSpec, shelf: PluginLookup, *, unused: bool) -> None:
     owners: dict[tuple[object, str, str], int] = {}
     for name, kind in spec.plants.items():
         users = [agent for agent, own in spec.agents.items() if (own.plant or spec.plant) == name]
@@ -149,7 +149,7 @@ def _check_plants(spec: FleetSpec, shelf: Shelf, *, unused: bool) -> None:
 
 
 def _check_overridden(
-    shelf: Shelf,
+    shelf: PluginLookup,
     schema: Schema | None,
     base: Kind,
     where: str,
@@ -176,7 +176,7 @@ def _check_overridden(
             shelf.problems.add(f"{where}.{option}" if everywhere else key(agent, option), text)
 
 
-def _check_graph(spec: FleetSpec, folder: Path, problems: Problems) -> Graph | None:
+def _check_graph(spec: FleetSpec, folder: Path, problems: Diagnostics) -> Graph | None:
     try:
         graph = draw(spec, folder)
     except (PluginError, TopologyError) as error:

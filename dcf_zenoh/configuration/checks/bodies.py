@@ -3,11 +3,11 @@
 import inspect
 from collections.abc import Iterable
 
-from dcf_zenoh.diagnostics import Problems
+from dcf_zenoh.diagnostics import Diagnostics
 from dcf_zenoh.spec import FleetSpec
 
 
-def check_arena(spec: FleetSpec, problems: Problems) -> None:
+def check_arena(spec: FleetSpec, problems: Diagnostics) -> None:
     """Check that the arena is a box, and that every agent begins in it."""
     arena = spec.arena
     if arena is None:
@@ -31,7 +31,7 @@ def check_arena(spec: FleetSpec, problems: Problems) -> None:
 def check_body(
     plugin: object,
     spec: FleetSpec,
-    problems: Problems,
+    problems: Diagnostics,
     name: str,
     users: Iterable[int],
     owners: dict[tuple[object, str, str], int],
@@ -65,7 +65,7 @@ def check_body(
             owners.setdefault(taken, agent)
 
 
-def _check_height(plugin: object, spec: FleetSpec, problems: Problems, name: str, users: Iterable[int]) -> None:
+def _check_height(plugin: object, spec: FleetSpec, problems: Diagnostics, name: str, users: Iterable[int]) -> None:
     """Check that bodies which start in the plane and fly at a height of their own do so in the arena."""
     if spec.arena is None or len(spec.arena.min) < 3 or not callable(plugin):
         return

@@ -7,13 +7,13 @@ from typing import Any
 
 from dcf_zenoh.configuration.building.fault_links import Recipe, options_of
 from dcf_zenoh.configuration.checks.absences import GO_ON, check_window
-from dcf_zenoh.configuration.checks.plugin_lookup import Shelf
+from dcf_zenoh.configuration.checks.plugin_lookup import PluginLookup
 from dcf_zenoh.configuration.checks.times import LONGEST
 from dcf_zenoh.configuration.reading.fault_shorthand import RULE_KEYS
-from dcf_zenoh.diagnostics import Problems, listed, nearest, reason
+from dcf_zenoh.diagnostics import Diagnostics, listed, nearest, reason
 from dcf_zenoh.errors import PluginError
+from dcf_zenoh.faults.chain import ALWAYS
 from dcf_zenoh.faults.fault import Stage
-from dcf_zenoh.faults.link import ALWAYS
 from dcf_zenoh.graph import Graph
 from dcf_zenoh.plugins import Plugin, Schema, is_built_in, known, load
 from dcf_zenoh.spec import FaultRule, FaultTable, FleetSpec, Switch
@@ -55,7 +55,7 @@ class _Rule:
         return all(_filled(self.window, each) for each in windows.values())
 
 
-def check_links(spec: FleetSpec, graph: Graph | None, shelf: Shelf) -> list[str]:
+def check_links(spec: FleetSpec, graph: Graph | None, shelf: PluginLookup) -> list[str]:
     """Note what is wrong with [faults].
 
     Args:
@@ -86,7 +86,7 @@ def check_links(spec: FleetSpec, graph: Graph | None, shelf: Shelf) -> list[str]
     return losers
 
 
-def _is_known(key: str, fault: Switch, names: set[str], shelf: Shelf) -> bool:
+def _is_known(key: str, fault: Switch, names: set[str], shelf: PluginLookup) -> bool:
     """Whether there is such a fault, as far as its name tells."""
     name = key.rpartition(".")[2]
     kinds = sorted(known("faults"))
@@ -101,7 +101,7 @@ def _is_known(key: str, fault: Switch, names: set[str], shelf: Shelf) -> bool:
     return False
 
 
-def _check_fault(spec: FleetSpec, key: str, fault: Switch, links: Pairs, shelf: Shelf) -> Plugin | None:
+def _check_fault(spec: FleetSpec, key: str, fault: Switch, links: Pairs, shelf: PluginLookup) -> Plugin | None:
     """Check one table; the plug-in if it could be loaded."""
     if not fault or (schema := shelf.schema("faults", fault.kind, key)) is None:
         return None
@@ -118,7 +118,7 @@ def _check_fault(spec: FleetSpec, key: str, fault: Switch, links: Pairs, shelf: 
     return plugin
 
 
-def _check_named(spec: FleetSpec, key: str, plugin: Plugin, options: dict[str, Any], shelf: Shelf) -> None:
+def _check_named(spec: FleetSpec, key: str, plugin: Plugin, options: dict[str, Any], shelf: PluginLookup) -> None:
     """Check the files and agents that a fault names."""
     if getattr(plugin, "NEEDS_POSITIONS", False) and not spec.has_plants:
         shelf.problems.add(key, "needs the positions of the agents, and without plants they have none")
@@ -132,7 +132,7 @@ def _check_named(spec: FleetSpec, key: str, plugin: Plugin, options: dict[str, A
                 shelf.problems.add(f"{key}.{option}", _no_agent(spec, agent))
 
 
-def _check_made(key: str, fault: FaultTable, schema: Schema, links: Pairs, shelf: Shelf) -> None:
+def _check_made(key: str, fault: FaultTable, schema: Schema, links: Pairs, shelf: PluginLookup) -> None:
     """Make the fault of each link, for its constructor to judge."""
     recipe = Recipe.of(key, fault, shelf.folder)
     for link in links if recipe.asks_for_link else links[:1]:
@@ -147,7 +147,7 @@ def _check_made(key: str, fault: FaultTable, schema: Schema, links: Pairs, shelf
             return
 
 
-def _check_rule(spec: FleetSpec, each: _Rule, pairs: Pairs, problems: Problems) -> None:
+def _check_rule(spec: FleetSpec, each: _Rule, pairs: Pairs, problems: Diagnostics) -> None:
     """Check for whom and when a rule is."""
     rule, key = each.rule, each.key
     if not rule.faults:
@@ -183,7 +183,7 @@ def _filled(window: tuple[float, float], others: Sequence[tuple[float, float]]) 
     return bool(others) and reached >= end
 
 
-def _check_overruled(rules: Sequence[_Rule], problems: Problems) -> None:
+def _check_overruled(rules: Sequence[_Rule], problems: Diagnostics) -> None:
     """Note what can never act because a later rule says otherwise."""
     for place, each in enumerate(rules):
         for name in each.rule.faults:

@@ -11,7 +11,7 @@ from dcf_zenoh.configuration.loaded_fleet import LoadedFleet
 from dcf_zenoh.configuration.reading.draft import Draft, read
 from dcf_zenoh.configuration.reading.fault_shorthand import RULE_KEYS
 from dcf_zenoh.configuration.reading.validation import validate
-from dcf_zenoh.diagnostics import Problems, listed, nearest
+from dcf_zenoh.diagnostics import Diagnostics, listed, nearest
 from dcf_zenoh.errors import ConfigurationError
 from dcf_zenoh.plugins import known, load
 from dcf_zenoh.spec import FaultRule, FleetSpec, Switch
@@ -105,7 +105,7 @@ def refusals(spec: FleetSpec, folder: Path, name: str, fault: Switch) -> list[st
     Raises:
         PluginError: It cannot be loaded.
     """
-    problems = Problems()
+    problems = Diagnostics()
     if not fault:
         return []
     if found := _foreign(spec, name, fault.kind):

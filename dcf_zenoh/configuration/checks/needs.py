@@ -7,14 +7,16 @@ from pathlib import Path
 from dcf_zenoh.algorithms.needs import Needs, needs_of
 from dcf_zenoh.configuration.building.graph import weights_of
 from dcf_zenoh.configuration.building.problem_and_plant import problem_of
-from dcf_zenoh.diagnostics import Problems, listed
+from dcf_zenoh.diagnostics import Diagnostics, listed
 from dcf_zenoh.graph import Graph, Neighbourhood
 from dcf_zenoh.plugins import Plugin, is_built_in, known, load
 from dcf_zenoh.problems.problem import Problem
 from dcf_zenoh.spec import FleetSpec
 
 
-def check_needs(spec: FleetSpec, folder: Path, graph: Graph | None, problems: Problems, *, run_plugins: bool) -> None:
+def check_needs(
+    spec: FleetSpec, folder: Path, graph: Graph | None, problems: Diagnostics, *, run_plugins: bool
+) -> None:
     """Note what the fleet's algorithm needs and does not find. One that says nothing, or cannot be run, passes.
 
     Args:
@@ -39,7 +41,7 @@ def check_needs(spec: FleetSpec, folder: Path, graph: Graph | None, problems: Pr
         _check_problem(needed, spec, folder, kind, problems)
 
 
-def _check_links(needed: Needs, spec: FleetSpec, graph: Graph, problems: Problems) -> None:
+def _check_links(needed: Needs, spec: FleetSpec, graph: Graph, problems: Diagnostics) -> None:
     weights = weights_of(spec, graph)
     for agent in graph.agents:
         hood = Neighbourhood.of(graph, agent, weights)
@@ -49,7 +51,7 @@ def _check_links(needed: Needs, spec: FleetSpec, graph: Graph, problems: Problem
             problems.add("topology.weights", wrong)
 
 
-def _check_problem(needed: Needs, spec: FleetSpec, folder: Path, kind: type, problems: Problems) -> None:
+def _check_problem(needed: Needs, spec: FleetSpec, folder: Path, kind: type, problems: Diagnostics) -> None:
     name, controller = spec.problem.kind, spec.controller_kind.kind
     posed: Sequence[object] = ()  # problems, or their class, as far as is known here
     if controller == "solve_once":

@@ -5,19 +5,19 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from dcf_zenoh.diagnostics import Problems
+from dcf_zenoh.diagnostics import Diagnostics
 from dcf_zenoh.errors import PluginError
 from dcf_zenoh.plugins import Plugin, Schema, accepted, check_known, check_signature, is_built_in, load, peek, split
 from dcf_zenoh.spec import Kind
 
 
 @dataclass(frozen=True)
-class Shelf:
+class PluginLookup:
     """Where plug-ins are looked up, and what is found wrong with them is noted."""
 
     folder: Path
     run: bool
-    problems: Problems
+    problems: Diagnostics
     notes: list[str]
 
     def check(self, group: str, kind: Kind, key: str, *, used: bool = True) -> None:

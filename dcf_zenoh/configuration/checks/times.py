@@ -3,14 +3,14 @@
 from collections.abc import Sequence
 from math import floor, log10
 
-from dcf_zenoh.diagnostics import Problems, listed
+from dcf_zenoh.diagnostics import Diagnostics, listed
 from dcf_zenoh.spec import FleetSpec
 
 LONGEST = 1e8  # s; some three years
 WALL_ROUND = 2e-3  # s; about what a round takes on the wall clock, so a shorter time-out loses what is only late
 
 
-def check_time(spec: FleetSpec, problems: Problems, notes: list[str]) -> None:
+def check_time(spec: FleetSpec, problems: Diagnostics, notes: list[str]) -> None:
     """Note times beyond all reason, and more rounds than there is time for."""
     rounds, sample_time = spec.exchange, spec.time.sample_time
     for key, value in {
@@ -21,7 +21,7 @@ def check_time(spec: FleetSpec, problems: Problems, notes: list[str]) -> None:
         "exchange.compute_time": rounds.compute_time,
         "safety.neighbour_silent.after": spec.safety.neighbour_silent.after,
         "zenoh.ready_timeout": spec.zenoh.ready_timeout,
-        "zenoh.silence_timeout": spec.zenoh.silence_timeout,
+        "zenoh.silence_timeout": spec.zenoh.receive_timeout,
     }.items():
         if value is not None and value > LONGEST:
             problems.add(key, f"expected at most {LONGEST:g} s, not {value:g}")
@@ -40,7 +40,7 @@ def check_time(spec: FleetSpec, problems: Problems, notes: list[str]) -> None:
         )
 
 
-def check_rhythm(spec: FleetSpec, problems: Problems, notes: list[str]) -> None:
+def check_rhythm(spec: FleetSpec, problems: Diagnostics, notes: list[str]) -> None:
     """Check when agents activate in asynchronous mode, and note the keys that mean nothing in the mode chosen."""
     rounds = spec.exchange
     rhythm = {"exchange.period": rounds.period, "exchange.jitter": rounds.jitter or None}
@@ -68,7 +68,7 @@ def check_rhythm(spec: FleetSpec, problems: Problems, notes: list[str]) -> None:
             problems.add(key, f"expected a jitter shorter than the period; they are {jitter:g} s and {period:g} s")
 
 
-def check_timeout(spec: FleetSpec, problems: Problems, losers: Sequence[str]) -> None:
+def check_timeout(spec: FleetSpec, problems: Diagnostics, losers: Sequence[str]) -> None:
     """Ask for a time-out of rounds where messages can be lost.
 
     Args:

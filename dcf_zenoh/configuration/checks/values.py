@@ -6,7 +6,7 @@ from pathlib import Path
 
 from dcf_zenoh.configuration.building.problem_and_plant import plant_of, problem_of
 from dcf_zenoh.configuration.reading.layout import STARTS
-from dcf_zenoh.diagnostics import Problems
+from dcf_zenoh.diagnostics import Diagnostics
 from dcf_zenoh.errors import PluginError
 from dcf_zenoh.plant import read_only
 from dcf_zenoh.plugins import is_built_in, load
@@ -16,7 +16,7 @@ from dcf_zenoh.spec import FleetSpec
 SIZES = {"size": "components of a decision", "rows": "shared constraints"}  # what all agents must have as many of
 
 
-def check_values(spec: FleetSpec, folder: Path, problems: Problems, *, run_plugins: bool) -> None:
+def check_values(spec: FleetSpec, folder: Path, problems: Diagnostics, *, run_plugins: bool) -> None:
     """Make the body and the problem of every agent, and note what they refuse.
 
     Made are built-in kinds, and problems of others that have a method ``check_starts``. It gets agent -> start, of all
@@ -67,7 +67,7 @@ def _refusals(agents: Sequence[int], make: Callable[[int], object]) -> dict[int,
 
 
 def _note(
-    refused: Mapping[int, str], users: Sequence[int], special: Sequence[int], table: str, problems: Problems
+    refused: Mapping[int, str], users: Sequence[int], special: Sequence[int], table: str, problems: Diagnostics
 ) -> None:
     """Note what all `users` have wrong under their `table`, unless all of them have keys of their own (`special`)."""
     if len(refused) == len(users) > len(special) and len(set(refused.values())) == 1:
@@ -77,7 +77,7 @@ def _note(
         problems.add(f"agents.{agent}.{table}", text)
 
 
-def _check_sizes(made: Mapping[int, object], problems: Problems) -> None:
+def _check_sizes(made: Mapping[int, object], problems: Diagnostics) -> None:
     """Note whose problem has another size than most: numpy would stretch one where both are mixed."""
     for name, what in SIZES.items():
         sizes = {
@@ -92,7 +92,7 @@ def _check_sizes(made: Mapping[int, object], problems: Problems) -> None:
                 )
 
 
-def _check_starts(problem: object, starts: Mapping[int, tuple[float, ...]], problems: Problems) -> None:
+def _check_starts(problem: object, starts: Mapping[int, tuple[float, ...]], problems: Diagnostics) -> None:
     check = getattr(problem, STARTS, None)
     found: Mapping[int, str] = check({i: read_only(start) for i, start in starts.items()}) if check else {}
     for agent, text in found.items():

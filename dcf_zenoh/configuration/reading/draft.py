@@ -9,7 +9,7 @@ from typing import Any
 
 from dcf_zenoh.configuration.reading.fault_shorthand import Spelling, is_fault, list_rules, number_rules
 from dcf_zenoh.configuration.reading.overrides import path_of, value_of, with_plain_id
-from dcf_zenoh.diagnostics import Problems, listed, nearest, show
+from dcf_zenoh.diagnostics import Diagnostics, listed, nearest, show
 from dcf_zenoh.errors import ConfigurationError
 from dcf_zenoh.plugins import known, split
 from dcf_zenoh.spec import Topology, default_controller
@@ -80,7 +80,7 @@ class Draft:
     source: str
     run_plugins: bool = True
     notes: list[str] = field(default_factory=list)
-    problems: Problems = field(default_factory=Problems)
+    problems: Diagnostics = field(default_factory=Diagnostics)
 
     def change(self, text: str) -> None:
         """Apply ``key.path=value``: the value in TOML, or else a string as it stands."""

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from dcf_zenoh.diagnostics import Problems, expected, show
+from dcf_zenoh.diagnostics import Diagnostics, expected, show
 from dcf_zenoh.errors import PluginError
 from dcf_zenoh.plugins import accepted, is_built_in, load, peek, split
 from dcf_zenoh.spec import FaultRule, Faults
@@ -23,7 +23,7 @@ def is_fault(path: Sequence[str]) -> bool:
     return len(path) == 2 and path[0] == "faults"
 
 
-def number_rules(table: dict[str, Any], problems: Problems) -> None:
+def number_rules(table: dict[str, Any], problems: Diagnostics) -> None:
     """Turn the list of rules into a table from ``"1"`` on, in the order of the file."""
     faults = table.get("faults")
     if not isinstance(faults, dict) or "rule" not in faults:
@@ -37,7 +37,7 @@ def number_rules(table: dict[str, Any], problems: Problems) -> None:
         del faults["rule"]
 
 
-def list_rules(table: dict[str, Any], problems: Problems) -> None:
+def list_rules(table: dict[str, Any], problems: Diagnostics) -> None:
     """Turn the numbered rules into a list again."""
     faults = table.get("faults")
     if not isinstance(faults, dict) or not isinstance(faults.get("rule"), dict):
@@ -99,7 +99,7 @@ class Spelling:
         for path, owner in _entries(table):
             owner[path[-1]] = self.of(table, path[-1], owner[path[-1]])
 
-    def check(self, table: dict[str, Any], problems: Problems) -> None:
+    def check(self, table: dict[str, Any], problems: Diagnostics) -> None:
         """Take out what is no fault. All of them are spelled out."""
         for path, owner in _entries(table):
             key, name, fault = ".".join(path), path[-1], owner[path[-1]]

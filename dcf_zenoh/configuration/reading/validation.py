@@ -7,11 +7,16 @@ from typing import Annotated, Any, Union, get_args, get_origin
 
 from pydantic import ValidationError
 
-from dcf_zenoh.diagnostics import Problems, expected, show, unknown_key
+from dcf_zenoh.diagnostics import Diagnostics, expected, show, unknown_key
 from dcf_zenoh.spec import FleetSpec, Table
 
+RENAMED = {  # keys of earlier fleet files
+    ("exchange", "silent_after"): "skip_after_rounds",
+    ("zenoh", "silence_timeout"): "receive_timeout",
+}
 
-def validate(table: dict[str, Any], problems: Problems) -> FleetSpec | None:
+
+def validate(table: dict[str, Any], problems: Diagnostics) -> FleetSpec | None:
     """The specification in `table`.
 
     What is refused is added to `problems` and taken out of `table`, so that the rest can still be checked.
@@ -96,6 +101,8 @@ def _take(table: Any, path: tuple[str, ...]) -> Any:
 def _text(place: _Place, error: str, value: Any) -> str:
     if error == "extra_forbidden":
         owner = f"[{'.'.join(place.path[:-1])}]" if len(place.path) > 1 else "a fleet file"
+        if place.path in RENAMED:
+            return f"{owner} has no key {place.path[-1]!r} any more: it is called {RENAMED[place.path]!r}"
         return unknown_key(owner, place.path[-1], place.accepted)
     what = expected(place.type, place.metadata) + (f" ({place.description})" if place.description else "")
     return f"missing; expected {what}" if error == "missing" else f"expected {what}, not {show(value)}"

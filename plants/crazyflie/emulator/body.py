@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from dcf_zenoh.plant import Array, read_only
-from plants.crazyflie.emulator.setpoints import Setpoint
+from plants.crazyflie.emulator.setpoints import FirmwareSetpoint
 from plants.crazyflie.model.cascade import POSITION_EVERY, TICK, Cascade
 from plants.crazyflie.model.dynamics import STATES, roll_pitch_yaw
 from plants.crazyflie.model.stepping import fly
@@ -88,7 +88,7 @@ class Body:
         self.state[:2] = position
         self.state[5], self.state[6] = math.sin(yaw / 2), math.cos(yaw / 2)
 
-    def fly(self, setpoint: Setpoint, estimate: Array) -> None:
+    def fly(self, setpoint: FirmwareSetpoint, estimate: Array) -> None:
         """One slot; `estimate` is what it believes of position and velocity, shape (6,)."""
         self.touchdown = None
         if not 0.0 < self.state[2] < NEAR + abs(self.state[9]) * SLOT:
@@ -102,7 +102,7 @@ class Body:
         if self.in_the_air:
             self.state[:2] += self.push * SLOT
 
-    def _fly(self, setpoint: Setpoint, estimate: Array, ticks: int) -> None:
+    def _fly(self, setpoint: FirmwareSetpoint, estimate: Array, ticks: int) -> None:
         self.state = fly(
             self.state,
             self._cascade,

@@ -1,7 +1,7 @@
 """Who flies the drone: setpoints of a client, or the planner on board."""
 
 from plants.crazyflie.emulator.planner import Planner
-from plants.crazyflie.emulator.setpoints import STOP, Setpoint
+from plants.crazyflie.emulator.setpoints import STOP, FirmwareSetpoint
 
 
 class Commander:
@@ -26,7 +26,7 @@ class Commander:
         self.since = 0
         self._client = False
 
-    def follow(self, setpoint: Setpoint, now: int) -> None:
+    def follow(self, setpoint: FirmwareSetpoint, now: int) -> None:
         """A client's setpoint, at `now`, ms."""
         self.setpoint, self.since, self._client = setpoint, now, True
         self._planner.stop()

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, TypeAlias
 
 from plants.crazyflie.emulator.log_blocks import Variable
-from plants.crazyflie.emulator.parameters import Parameter
+from plants.crazyflie.emulator.parameters import FirmwareParameter
 
 if TYPE_CHECKING:
     from plants.crazyflie.emulator.firmware import Firmware
@@ -104,7 +104,7 @@ def variables_of(drone: "Firmware") -> list[Variable]:
     ]
 
 
-def parameters_of(drone: "Firmware") -> list[Parameter]:
+def parameters_of(drone: "Firmware") -> list[FirmwareParameter]:
     """All parameters. Most of them change nothing; those that do have a function."""
 
     def reset(value: float) -> None:
@@ -120,44 +120,44 @@ def parameters_of(drone: "Firmware") -> list[Parameter]:
         drone.arm(bool(value))
 
     return [
-        Parameter("kalman.resetEstimation", "B", 0, changed=reset),
-        Parameter("kalman.initialX", "f", 0),
-        Parameter("kalman.initialY", "f", 0),
-        Parameter("kalman.initialZ", "f", 0),
-        Parameter("kalman.initialYaw", "f", 0),
-        Parameter("kalman.robustTdoa", "B", 0),
-        Parameter("stabilizer.estimator", "B", KALMAN),
-        Parameter("stabilizer.controller", "B", PID),
-        Parameter("stabilizer.stop", "B", 0, changed=stop),
-        Parameter("commander.enHighLevel", "B", 0),
-        Parameter("supervisor.infdmp", "B", 0),
-        Parameter("supervisor.prefltTimeout", "H", READY_TIMEOUT),
-        Parameter("supervisor.landedTimeout", "H", LANDED_TIMEOUT),
-        Parameter("supervisor.tmblChckEn", "B", 1),
-        Parameter("system.arm", "b", 0, changed=arm),
-        Parameter("system.forceArm", "b", 0, changed=arm),
-        Parameter("flightmode.althold", "B", 0),
-        Parameter("flightmode.poshold", "B", 0),
-        Parameter("flightmode.posSet", "B", 0),
-        Parameter("flightmode.yawMode", "B", 2),
-        Parameter("flightmode.stabModeRoll", "B", 1),
-        Parameter("flightmode.stabModePitch", "B", 1),
-        Parameter("flightmode.stabModeYaw", "B", 0),
-        Parameter("lighthouse.method", "B", LIGHTHOUSE_METHOD),
-        Parameter("lighthouse.bsCalibReset", "B", 0),
-        Parameter("lighthouse.systemType", "B", 2),
-        Parameter("locSrv.extPosStdDev", "f", 0.01),
-        Parameter("locSrv.extQuatStdDev", "f", 0.0045),
-        Parameter("posCtlPid.xVelMax", "f", 1.0),
-        Parameter("posCtlPid.yVelMax", "f", 1.0),
-        Parameter("posCtlPid.zVelMax", "f", 1.0),
-        Parameter("hlCommander.vtoff", "f", 0.5),
-        Parameter("hlCommander.vland", "f", 0.5),
-        Parameter("ring.effect", "B", 0),
-        Parameter("led.bitmask", "B", 0),
-        Parameter("pm.lowVoltage", "f", 3.2),
-        Parameter("deck.bcLighthouse4", "B", 1, fixed=True),
-        Parameter("deck.bcFlow2", "B", 0, fixed=True),
-        Parameter("deck.bcZRanger2", "B", 0, fixed=True),
-        Parameter("deck.bcLoco", "B", 0, fixed=True),
+        FirmwareParameter("kalman.resetEstimation", "B", 0, changed=reset),
+        FirmwareParameter("kalman.initialX", "f", 0),
+        FirmwareParameter("kalman.initialY", "f", 0),
+        FirmwareParameter("kalman.initialZ", "f", 0),
+        FirmwareParameter("kalman.initialYaw", "f", 0),
+        FirmwareParameter("kalman.robustTdoa", "B", 0),
+        FirmwareParameter("stabilizer.estimator", "B", KALMAN),
+        FirmwareParameter("stabilizer.controller", "B", PID),
+        FirmwareParameter("stabilizer.stop", "B", 0, changed=stop),
+        FirmwareParameter("commander.enHighLevel", "B", 0),
+        FirmwareParameter("supervisor.infdmp", "B", 0),
+        FirmwareParameter("supervisor.prefltTimeout", "H", READY_TIMEOUT),
+        FirmwareParameter("supervisor.landedTimeout", "H", LANDED_TIMEOUT),
+        FirmwareParameter("supervisor.tmblChckEn", "B", 1),
+        FirmwareParameter("system.arm", "b", 0, changed=arm),
+        FirmwareParameter("system.forceArm", "b", 0, changed=arm),
+        FirmwareParameter("flightmode.althold", "B", 0),
+        FirmwareParameter("flightmode.poshold", "B", 0),
+        FirmwareParameter("flightmode.posSet", "B", 0),
+        FirmwareParameter("flightmode.yawMode", "B", 2),
+        FirmwareParameter("flightmode.stabModeRoll", "B", 1),
+        FirmwareParameter("flightmode.stabModePitch", "B", 1),
+        FirmwareParameter("flightmode.stabModeYaw", "B", 0),
+        FirmwareParameter("lighthouse.method", "B", LIGHTHOUSE_METHOD),
+        FirmwareParameter("lighthouse.bsCalibReset", "B", 0),
+        FirmwareParameter("lighthouse.systemType", "B", 2),
+        FirmwareParameter("locSrv.extPosStdDev", "f", 0.01),
+        FirmwareParameter("locSrv.extQuatStdDev", "f", 0.0045),
+        FirmwareParameter("posCtlPid.xVelMax", "f", 1.0),
+        FirmwareParameter("posCtlPid.yVelMax", "f", 1.0),
+        FirmwareParameter("posCtlPid.zVelMax", "f", 1.0),
+        FirmwareParameter("hlCommander.vtoff", "f", 0.5),
+        FirmwareParameter("hlCommander.vland", "f", 0.5),
+        FirmwareParameter("ring.effect", "B", 0),
+        FirmwareParameter("led.bitmask", "B", 0),
+        FirmwareParameter("pm.lowVoltage", "f", 3.2),
+        FirmwareParameter("deck.bcLighthouse4", "B", 1, fixed=True),
+        FirmwareParameter("deck.bcFlow2", "B", 0, fixed=True),
+        FirmwareParameter("deck.bcZRanger2", "B", 0, fixed=True),
+        FirmwareParameter("deck.bcLoco", "B", 0, fixed=True),
     ]

@@ -13,8 +13,8 @@ from plants.crazyflie.emulator.log_blocks import LogBlocks
 from plants.crazyflie.emulator.memories import Lighthouse
 from plants.crazyflie.emulator.parameters import Parameters
 from plants.crazyflie.emulator.planner import Phase, Planner
-from plants.crazyflie.emulator.setpoints import STOP, Setpoint
-from plants.crazyflie.emulator.supervisor import PERIOD, Look, State, Supervisor
+from plants.crazyflie.emulator.setpoints import STOP, FirmwareSetpoint
+from plants.crazyflie.emulator.supervisor import PERIOD, FirmwareSupervisor, Look, SupervisorState
 from plants.crazyflie.emulator.truth import SAMPLE, Truth, rounded
 from plants.crazyflie.model.vehicle import COMMAND_MAX, Vehicle
 from plants.sensing import Sensor
@@ -124,7 +124,7 @@ class Firmware:
     def _switch_on(self) -> None:
         self.planner = Planner()
         self.commander = Commander(self.planner)
-        self.supervisor = Supervisor()
+        self.supervisor = FirmwareSupervisor()
         self.parameters = Parameters(parameters_of(self))
         self.log = LogBlocks(variables_of(self))
         self._ran = False
@@ -144,9 +144,9 @@ class Firmware:
         if self.supervisor.state is not before:
             self.event(self.supervisor.state.value)
 
-    def _allowed(self, setpoint: Setpoint) -> Setpoint:
+    def _allowed(self, setpoint: FirmwareSetpoint) -> FirmwareSetpoint:
         """What the supervisor makes of a setpoint."""
-        if self.supervisor.state is State.LEVELLING:
+        if self.supervisor.state is SupervisorState.LEVELLING:
             return setpoint.levelled
         return setpoint if self.supervisor.motors_may_run else STOP
 

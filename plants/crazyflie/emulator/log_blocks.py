@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 from plants.crazyflie.emulator.crtp import LOG, Packet
-from plants.crazyflie.emulator.tables import Entry, Table
+from plants.crazyflie.emulator.tables import Toc, TocEntry
 
 TABLE, CONTROL, DATA = 0, 1, 2  # channels
 DELETE, START, STOP, RESET, CREATE, APPEND = 2, 3, 4, 5, 6, 7
@@ -57,8 +57,8 @@ class LogBlocks:
 
     def __init__(self, variables: Sequence[Variable]) -> None:
         self._variables = variables
-        entries = [Entry(v.name, CODES[v.layout]) for v in variables]
-        self._table = Table(LOG, entries, bytes((BLOCKS_MAX, VARIABLES_MAX)))
+        entries = [TocEntry(v.name, CODES[v.layout]) for v in variables]
+        self._table = Toc(LOG, entries, bytes((BLOCKS_MAX, VARIABLES_MAX)))
         self._blocks: dict[int, Block] = {}
 
     def receive(self, channel: int, data: bytes, now: int) -> list[Packet]:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 from plants.crazyflie.emulator.crtp import PARAM, Packet
-from plants.crazyflie.emulator.tables import Entry, Table
+from plants.crazyflie.emulator.tables import Toc, TocEntry
 
 TABLE, READ, WRITE, MISCELLANEOUS = 0, 1, 2, 3  # channels
 SET_BY_NAME, EXTENDED_TYPE, DEFAULT_VALUE = 0, 7, 8  # what is asked for on the last one
@@ -18,7 +18,7 @@ def _nothing(value: float) -> None:
     """What follows when most parameters are set."""
 
 
-class Parameter(NamedTuple):
+class FirmwareParameter(NamedTuple):
     """One parameter.
 
     Attributes:
@@ -43,10 +43,10 @@ class Parameters:
         parameters: All that there are.
     """
 
-    def __init__(self, parameters: Sequence[Parameter]) -> None:
+    def __init__(self, parameters: Sequence[FirmwareParameter]) -> None:
         self._parameters = parameters
-        entries = [Entry(p.name, CODES[p.layout] | READ_ONLY * p.fixed) for p in parameters]
-        self._table = Table(PARAM, entries)
+        entries = [TocEntry(p.name, CODES[p.layout] | READ_ONLY * p.fixed) for p in parameters]
+        self._table = Toc(PARAM, entries)
         self._values = [p.default for p in parameters]
 
     def __getitem__(self, name: str) -> float:

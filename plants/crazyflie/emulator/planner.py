@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dcf_zenoh.plant import Array
-from plants.crazyflie.emulator.setpoints import STOP, Setpoint
+from plants.crazyflie.emulator.setpoints import STOP, FirmwareSetpoint
 from plants.crazyflie.model.cascade import POSITION
 
 GROUP_MASK, STOP_PLAN, TAKE_OFF, LAND, GO_TO = 0, 3, 7, 8, 12
@@ -138,7 +138,7 @@ class Planner:
             self._here = np.array([*position.tolist(), yaw])
             self._velocity = np.array([*velocity.tolist(), 0.0])
 
-    def setpoint(self, now: int) -> Setpoint:
+    def setpoint(self, now: int) -> FirmwareSetpoint:
         """What to follow at `now`, ms."""
         if self._curve is None:
             return STOP
@@ -147,7 +147,7 @@ class Planner:
             return STOP
         self._here, self._velocity, _ = self._curve.at(now)
         x, y, z, yaw = (float(value) for value in self._here)
-        return Setpoint(POSITION, (x, y, z, yaw))
+        return FirmwareSetpoint(POSITION, (x, y, z, yaw))
 
     def command(self, data: bytes, now: int) -> int:
         """Carry out a command that came at `now`, ms; its error number, 0 if there is none.

@@ -12,7 +12,7 @@ from plants.crazyflie.emulator.crtp import Packet
 from plants.crazyflie.emulator.firmware import Firmware
 from plants.crazyflie.emulator.memories import PERSIST
 from plants.crazyflie.emulator.planner import GO_TO, GROUP_MASK, LAND, STOP_PLAN, TAKE_OFF
-from plants.crazyflie.emulator.setpoints import NAMES, STOP, ByThrust, Setpoint, generic
+from plants.crazyflie.emulator.setpoints import NAMES, STOP, ByThrust, FirmwareSetpoint, generic
 from plants.crazyflie.emulator.truth import rounded
 
 Handler: TypeAlias = Callable[[int, bytes], list[Packet]]
@@ -77,7 +77,7 @@ class Ports:
         """Record a command of a client."""
         self._firmware.truth.write("command", self._firmware.now, command=name, values=rounded(values), **more)
 
-    def _follow(self, setpoint: Setpoint, name: str) -> None:
+    def _follow(self, setpoint: FirmwareSetpoint, name: str) -> None:
         """A setpoint; what becomes of a real drone that is told infinity is not known here, this one stops."""
         self._command(name, *setpoint.values)
         finite = all(math.isfinite(value) for value in setpoint.values)

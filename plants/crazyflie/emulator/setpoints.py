@@ -19,7 +19,7 @@ NAMES = {
 THRUST_LEAST, THRUST_MOST = 1000, 60000  # motor commands that a client may ask for
 
 
-class Setpoint(NamedTuple):
+class FirmwareSetpoint(NamedTuple):
     """What the cascade is to follow.
 
     Attributes:
@@ -31,22 +31,22 @@ class Setpoint(NamedTuple):
     values: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
 
     @property
-    def levelled(self) -> "Setpoint":
+    def levelled(self) -> "FirmwareSetpoint":
         """The same without any horizontal motion: level, at the height or climb that it asked for."""
         third = self.values[2]
         if self.mode in (HOVER, POSITION, TILT_HEIGHT):
-            return Setpoint(TILT_HEIGHT, (0.0, 0.0, third, 0.0))
+            return FirmwareSetpoint(TILT_HEIGHT, (0.0, 0.0, third, 0.0))
         if self.mode in (VELOCITY, TILT_CLIMB):
-            return Setpoint(TILT_CLIMB, (0.0, 0.0, third, 0.0))
+            return FirmwareSetpoint(TILT_CLIMB, (0.0, 0.0, third, 0.0))
         if self.mode == TILT_THRUST:
-            return Setpoint(TILT_THRUST, (0.0, 0.0, third, 0.0))
+            return FirmwareSetpoint(TILT_THRUST, (0.0, 0.0, third, 0.0))
         return STOP
 
 
-STOP = Setpoint(STOPPED)
+STOP = FirmwareSetpoint(STOPPED)
 
 
-def generic(data: bytes) -> Setpoint | None:
+def generic(data: bytes) -> FirmwareSetpoint | None:
     """The setpoint in a packet on the generic port; None if it is of a kind that is not known here.
 
     Raises:
@@ -56,38 +56,38 @@ def generic(data: bytes) -> Setpoint | None:
     return None if decode is None else decode(data[1:])
 
 
-def _velocity(rest: bytes, turn: float = 1.0) -> Setpoint:
+def _velocity(rest: bytes, turn: float = 1.0) -> FirmwareSetpoint:
     vx, vy, vz, rate = struct.unpack("<4f", rest)
-    return Setpoint(VELOCITY, (vx, vy, vz, turn * math.radians(rate)))
+    return FirmwareSetpoint(VELOCITY, (vx, vy, vz, turn * math.radians(rate)))
 
 
-def _hover(rest: bytes, turn: float = 1.0) -> Setpoint:
+def _hover(rest: bytes, turn: float = 1.0) -> FirmwareSetpoint:
     ahead, left, rate, height = struct.unpack("<4f", rest)
-    return Setpoint(HOVER, (ahead, left, height, turn * math.radians(rate)))
+    return FirmwareSetpoint(HOVER, (ahead, left, height, turn * math.radians(rate)))
 
 
-def _tilt_height(rest: bytes, turn: float = 1.0) -> Setpoint:
+def _tilt_height(rest: bytes, turn: float = 1.0) -> FirmwareSetpoint:
     roll, pitch, rate, height = struct.unpack("<4f", rest)
-    return Setpoint(TILT_HEIGHT, _tilt(roll, pitch, turn * rate, height))
+    return FirmwareSetpoint(TILT_HEIGHT, _tilt(roll, pitch, turn * rate, height))
 
 
-def _position(rest: bytes) -> Setpoint:
+def _position(rest: bytes) -> FirmwareSetpoint:
     x, y, z, yaw = struct.unpack("<4f", rest)
-    return Setpoint(POSITION, (x, y, z, math.radians(yaw)))
+    return FirmwareSetpoint(POSITION, (x, y, z, math.radians(yaw)))
 
 
-def _full_state(rest: bytes) -> Setpoint:
+def _full_state(rest: bytes) -> FirmwareSetpoint:
     x, y, z, *_, turned = struct.unpack("<9hI", rest[:22])  # mm; the velocities and accelerations in it are not used
-    return Setpoint(POSITION, (x * 1e-3, y * 1e-3, z * 1e-3, heading(turned)))
+    return FirmwareSetpoint(POSITION, (x * 1e-3, y * 1e-3, z * 1e-3, heading(turned)))
 
 
-def _manual(rest: bytes) -> Setpoint | None:
+def _manual(rest: bytes) -> FirmwareSetpoint | None:
     roll, pitch, rate, thrust, by_rates = struct.unpack("<fffHB", rest)
     return None if by_rates else _by_thrust(roll, pitch, rate, thrust)
 
 
 BACK = -1.0  # yaw rates before protocol version 9 were clockwise
-KINDS: dict[int, Callable[[bytes], Setpoint | None]] = {
+KINDS: dict[int, Callable[[bytes], FirmwareSetpoint | None]] = {
     0: lambda _: STOP,
     1: lambda rest: _velocity(rest, BACK),
     2: lambda rest: _tilt_height(rest, BACK),
@@ -107,7 +107,7 @@ class ByThrust:
     def __init__(self) -> None:
         self._locked = True
 
-    def setpoint(self, data: bytes) -> Setpoint:
+    def setpoint(self, data: bytes) -> FirmwareSetpoint:
         """The setpoint in a packet; it stops the motors while there is no thrust.
 
         Raises:
@@ -136,10 +136,10 @@ def heading(packed: int) -> float:
     return math.atan2(2 * (x * y + z * w), 1 - 2 * (y * y + z * z))
 
 
-def _by_thrust(roll: float, pitch: float, rate: float, thrust: int) -> Setpoint:
+def _by_thrust(roll: float, pitch: float, rate: float, thrust: int) -> FirmwareSetpoint:
     if thrust < THRUST_LEAST:
         return STOP
-    return Setpoint(TILT_THRUST, _tilt(roll, pitch, rate, min(thrust, THRUST_MOST)))
+    return FirmwareSetpoint(TILT_THRUST, _tilt(roll, pitch, rate, min(thrust, THRUST_MOST)))
 
 
 def _tilt(roll: float, pitch: float, rate: float, third: float) -> tuple[float, float, float, float]:

@@ -10,7 +10,7 @@ FLYING_FOR = 2000  # ms after the last thrust in which it still counts as flying
 FED_EVERY = 1000  # ms; the longest time between two signs of life, once there was one
 
 
-class State(enum.Enum):
+class SupervisorState(enum.Enum):
     """What the supervisor thinks the drone does."""
 
     NOT_PASSED = "checks not passed"
@@ -25,7 +25,7 @@ class State(enum.Enum):
     CRASHED = "crashed"
 
 
-MOTORS_MAY_RUN = (State.READY, State.FLYING, State.LANDED, State.LEVELLING)
+MOTORS_MAY_RUN = (SupervisorState.READY, SupervisorState.FLYING, SupervisorState.LANDED, SupervisorState.LEVELLING)
 
 
 class Look(NamedTuple):
@@ -76,50 +76,50 @@ class Conditions(NamedTuple):
     landed_too_long: bool
 
 
-Transition: TypeAlias = tuple[Callable[[Conditions], bool], State]
+Transition: TypeAlias = tuple[Callable[[Conditions], bool], SupervisorState]
 
 # The first condition that holds leads on; if none does, the state stays.
-TRANSITIONS: dict[State, tuple[Transition, ...]] = {
-    State.NOT_PASSED: (
-        (lambda c: c.emergency, State.FREE_FALL),
-        (lambda c: c.healthy and not c.tumbled, State.PASSED),
+TRANSITIONS: dict[SupervisorState, tuple[Transition, ...]] = {
+    SupervisorState.NOT_PASSED: (
+        (lambda c: c.emergency, SupervisorState.FREE_FALL),
+        (lambda c: c.healthy and not c.tumbled, SupervisorState.PASSED),
     ),
-    State.PASSED: (
-        (lambda c: c.emergency, State.FREE_FALL),
-        (lambda c: c.tumbled or not c.healthy, State.NOT_PASSED),
-        (lambda c: c.armed, State.READY),
+    SupervisorState.PASSED: (
+        (lambda c: c.emergency, SupervisorState.FREE_FALL),
+        (lambda c: c.tumbled or not c.healthy, SupervisorState.NOT_PASSED),
+        (lambda c: c.armed, SupervisorState.READY),
     ),
-    State.READY: (
-        (lambda c: c.emergency, State.FREE_FALL),
-        (lambda c: c.tumbled or not c.armed or c.ready_too_long, State.NOT_PASSED),
-        (lambda c: c.flying, State.FLYING),
+    SupervisorState.READY: (
+        (lambda c: c.emergency, SupervisorState.FREE_FALL),
+        (lambda c: c.tumbled or not c.armed or c.ready_too_long, SupervisorState.NOT_PASSED),
+        (lambda c: c.flying, SupervisorState.FLYING),
     ),
-    State.FLYING: (
-        (lambda c: c.silent or c.emergency, State.FREE_FALL),
-        (lambda c: c.tumbled, State.CRASHED),
-        (lambda c: not c.armed, State.RESET),
-        (lambda c: c.late, State.LEVELLING),
-        (lambda c: not c.flying, State.LANDED),
+    SupervisorState.FLYING: (
+        (lambda c: c.silent or c.emergency, SupervisorState.FREE_FALL),
+        (lambda c: c.tumbled, SupervisorState.CRASHED),
+        (lambda c: not c.armed, SupervisorState.RESET),
+        (lambda c: c.late, SupervisorState.LEVELLING),
+        (lambda c: not c.flying, SupervisorState.LANDED),
     ),
-    State.LEVELLING: (
-        (lambda c: c.silent or c.emergency or c.tumbled, State.FREE_FALL),
-        (lambda c: not c.late, State.FLYING),
+    SupervisorState.LEVELLING: (
+        (lambda c: c.silent or c.emergency or c.tumbled, SupervisorState.FREE_FALL),
+        (lambda c: not c.late, SupervisorState.FLYING),
     ),
-    State.LANDED: (
-        (lambda c: not c.armed or c.landed_too_long, State.RESET),
-        (lambda c: c.flying, State.FLYING),
+    SupervisorState.LANDED: (
+        (lambda c: not c.armed or c.landed_too_long, SupervisorState.RESET),
+        (lambda c: c.flying, SupervisorState.FLYING),
     ),
-    State.RESET: ((lambda _: True, State.NOT_PASSED),),
-    State.FREE_FALL: ((lambda _: True, State.LOCKED),),
-    State.LOCKED: (),
-    State.CRASHED: (
-        (lambda c: not c.crashed and not c.tumbled, State.NOT_PASSED),
-        (lambda c: c.emergency, State.LOCKED),
+    SupervisorState.RESET: ((lambda _: True, SupervisorState.NOT_PASSED),),
+    SupervisorState.FREE_FALL: ((lambda _: True, SupervisorState.LOCKED),),
+    SupervisorState.LOCKED: (),
+    SupervisorState.CRASHED: (
+        (lambda c: not c.crashed and not c.tumbled, SupervisorState.NOT_PASSED),
+        (lambda c: c.emergency, SupervisorState.LOCKED),
     ),
 }
 
 
-class Supervisor:
+class FirmwareSupervisor:
     """A state machine that looks at the drone 25 times a second.
 
     Arming is required. It disarms by itself where it is armed for too long without taking off, or after landing.
@@ -137,7 +137,7 @@ class Supervisor:
     """
 
     def __init__(self) -> None:
-        self.state = State.NOT_PASSED
+        self.state = SupervisorState.NOT_PASSED
         self.armed = False
         self.tumbled = False
         self._crashed = False
@@ -149,7 +149,7 @@ class Supervisor:
     @property
     def can_be_armed(self) -> bool:
         """Whether it would accept arming."""
-        return self.state is State.PASSED
+        return self.state is SupervisorState.PASSED
 
     @property
     def motors_may_run(self) -> bool:
@@ -164,9 +164,9 @@ class Supervisor:
             self.armed,
             False,
             self.motors_may_run,
-            self.state in (State.FLYING, State.LEVELLING),
+            self.state in (SupervisorState.FLYING, SupervisorState.LEVELLING),
             self.tumbled,
-            self.state is State.LOCKED,
+            self.state is SupervisorState.LOCKED,
             self._crashed,
         )
         return sum(1 << bit for bit, flag in enumerate(flags) if flag)
@@ -202,7 +202,7 @@ class Supervisor:
         after = next((state for holds, state in TRANSITIONS[self.state] if holds(conditions)), self.state)
         if after is not self.state:
             self.state, self._entered = after, now
-            self._crashed |= after is State.CRASHED
+            self._crashed |= after is SupervisorState.CRASHED
             self.armed &= self.motors_may_run
 
     def _conditions(self, seen: Look, now: int) -> Conditions:

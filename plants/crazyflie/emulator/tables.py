@@ -10,7 +10,7 @@ from plants.crazyflie.emulator.crtp import Packet
 ITEM, INFO = 2, 3  # requests on the channel of the table
 
 
-class Entry(NamedTuple):
+class TocEntry(NamedTuple):
     """One line of a table.
 
     Attributes:
@@ -22,7 +22,7 @@ class Entry(NamedTuple):
     code: int
 
 
-class Table:
+class Toc:
     """A table of contents, and the answers to questions about it.
 
     Args:
@@ -31,7 +31,7 @@ class Table:
         extra: What follows the checksum in the answer about the table as a whole.
     """
 
-    def __init__(self, port: int, entries: Sequence[Entry], extra: bytes = b"") -> None:
+    def __init__(self, port: int, entries: Sequence[TocEntry], extra: bytes = b"") -> None:
         self._port = port
         self._items = [bytes((e.code,)) + e.name.replace(".", "\0").encode() + b"\0" for e in entries]
         self._info = struct.pack("<HI", len(entries), zlib.crc32(bytes((port,)) + b"".join(self._items))) + extra

@@ -12,10 +12,10 @@ from dcf_zenoh.errors import PlantError
 from plants.crazyflie.connection.link import Link
 from plants.crazyflie.connection.outbox import LOOK
 from plants.crazyflie.flying.bounds import Bounds, allowed_height
-from plants.crazyflie.flying.pose import Pose
-from plants.crazyflie.flying.setpoint_stream import Point, Stream
-from plants.crazyflie.flying.telemetry import ARMED, FLYING, Motion, Vitals
-from plants.crazyflie.flying.watchdog import HEALTH_AGE_MAX, Watch
+from plants.crazyflie.flying.pose import PoseFeed
+from plants.crazyflie.flying.setpoint_stream import Point, SetpointStream
+from plants.crazyflie.flying.telemetry import ARMED, FLYING, Motion, Telemetry
+from plants.crazyflie.flying.watchdog import HEALTH_AGE_MAX, Watchdog
 
 log = logging.getLogger(__name__)
 
@@ -35,7 +35,7 @@ STOPPING = 0.5  # s for which the emergency stop is repeated
 FLY, LAND, STOP = 0, 1, 2  # who lands does not fly on, and a stop is final
 
 
-class Pilot:
+class Autopilot:
     """Flies one drone, once: from the ground to the ground.
 
     What it does is one activity at a time, a generator that is resumed `Bounds.rate` times a second on the pilot's own
@@ -58,16 +58,16 @@ class Pilot:
         ground: Height at which it stood when it took off, in m.
     """
 
-    def __init__(self, link: Link, vitals: Vitals, bounds: Bounds, pose: Pose | None = None) -> None:
+    def __init__(self, link: Link, vitals: Telemetry, bounds: Bounds, pose: PoseFeed | None = None) -> None:
         self._link = link
         self._vitals = vitals
         self._bounds = bounds
         self._pose = pose
-        self.stream = Stream(link, vitals, bounds)
+        self.stream = SetpointStream(link, vitals, bounds)
         self.failure = ""
         self.airborne = self.on_its_own = False
         self.ground = 0.0
-        self._watch = Watch(link, vitals, self.stream, bounds, pose)
+        self._watch = Watchdog(link, vitals, self.stream, bounds, pose)
         self._lock = threading.Lock()  # guards _rank, _activity and _done, which change together, from any thread
         self._rank = FLY
         self._activity: Iterator[None] = iter(())

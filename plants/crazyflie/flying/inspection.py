@@ -11,9 +11,9 @@ from dcf_zenoh.plant import Check
 from plants.crazyflie.connection.link import Link
 from plants.crazyflie.connection.outbox import LOOK
 from plants.crazyflie.flying.bounds import Bounds
-from plants.crazyflie.flying.pose import Pose
+from plants.crazyflie.flying.pose import PoseFeed
 from plants.crazyflie.flying.setpoint_stream import Point
-from plants.crazyflie.flying.telemetry import ARMED, CAN_BE_ARMED, Health, Motion, Vitals
+from plants.crazyflie.flying.telemetry import ARMED, CAN_BE_ARMED, Health, Motion, Telemetry
 from plants.crazyflie.flying.watchdog import POSE_AGE_MAX, STOPS
 
 KALMAN = 2
@@ -31,7 +31,14 @@ DECKS = {"deck.bcLighthouse4": "Lighthouse", "deck.bcLoco": "Loco", "deck.bcDWM1
 
 
 def inspect(
-    link: Link, vitals: Vitals, bounds: Bounds, start: Point, pose: Pose | None, *, placed: bool, left_flying: bool
+    link: Link,
+    vitals: Telemetry,
+    bounds: Bounds,
+    start: Point,
+    pose: PoseFeed | None,
+    *,
+    placed: bool,
+    left_flying: bool,
 ) -> Generator[float, None, tuple[Check, ...]]:
     """Start the estimator anew and look at everything; pauses, in s, until that is done.
 
@@ -76,7 +83,7 @@ def _start_estimator(link: Link) -> Iterator[float]:
     yield from link.write("kalman.resetEstimation", 0)
 
 
-def _settle(vitals: Vitals) -> Iterator[float]:
+def _settle(vitals: Telemetry) -> Iterator[float]:
     """Wait until the estimator is sure of the position and does not change its mind, or for long enough."""
     deadline = time.monotonic() + SETTLING
     seen: deque[tuple[float, float]] = deque()
@@ -123,7 +130,7 @@ def _localisation(decks: list[str], health: Health) -> Check:
     return Check("base stations", seen, problem)
 
 
-def _outside(pose: Pose) -> Check:
+def _outside(pose: PoseFeed) -> Check:
     value = f"pose {pose.age * 1e3:.0f} ms old" if math.isfinite(pose.age) else "no pose"
     late = f"at most {POSE_AGE_MAX:g} s is allowed" if pose.age > POSE_AGE_MAX else ""
     return Check("localisation", value, "; ".join(filter(None, (pose.problem, late))))

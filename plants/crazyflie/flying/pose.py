@@ -21,7 +21,7 @@ class Sample(NamedTuple):
     values: tuple[float, ...]
 
 
-class Pose:
+class PoseFeed:
     """Reads a key, and hands the newest pose on to the drone's estimator.
 
     A pose is a JSON list: ``[x, y, z]``, in m, or ``[x, y, z, qx, qy, qz, qw]``. With positions alone the drone knows

@@ -9,7 +9,7 @@ import numpy as np
 from dcf_zenoh.plant import Array, read_only
 from plants.crazyflie.connection.link import Link
 from plants.crazyflie.flying.bounds import Bounds, allowed_height
-from plants.crazyflie.flying.telemetry import Vitals
+from plants.crazyflie.flying.telemetry import Telemetry
 
 APPROACH, APPROACH_MAX = 1.0, 0.5  # 1/s and m/s: velocity towards a point for each m, and at most
 STOPPING = 0.4  # s; how long the velocity of before carries on until it has stopped
@@ -43,7 +43,7 @@ class Velocity(NamedTuple):
     since: float
 
 
-class Stream:
+class SetpointStream:
     """What the drone is told again and again. Commands change it, from any thread; `send` is the pilot's.
 
     Args:
@@ -52,7 +52,7 @@ class Stream:
         bounds: What to keep to.
     """
 
-    def __init__(self, link: Link, vitals: Vitals, bounds: Bounds) -> None:
+    def __init__(self, link: Link, vitals: Telemetry, bounds: Bounds) -> None:
         self._link = link
         self._vitals = vitals
         self._bounds = bounds

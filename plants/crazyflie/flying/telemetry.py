@@ -83,7 +83,7 @@ class Health(NamedTuple):
         return bool(self.supervisor & bit)
 
 
-class Vitals:
+class Telemetry:
     """The newest of both. They are replaced as a whole on the thread that receives packets, and read by any other.
 
     Args:

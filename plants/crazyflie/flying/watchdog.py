@@ -4,9 +4,9 @@ import time
 
 from plants.crazyflie.connection.link import Link
 from plants.crazyflie.flying.bounds import Bounds
-from plants.crazyflie.flying.pose import Pose
-from plants.crazyflie.flying.setpoint_stream import Stream
-from plants.crazyflie.flying.telemetry import CRASHED, FLYING, LOCKED, TUMBLED, Vitals
+from plants.crazyflie.flying.pose import PoseFeed
+from plants.crazyflie.flying.setpoint_stream import SetpointStream
+from plants.crazyflie.flying.telemetry import CRASHED, FLYING, LOCKED, TUMBLED, Telemetry
 
 BATTERY_FOR = 0.5  # s for which the voltage has to be too low: it dips with every burst of thrust
 STOPPED_FOR = 1.0  # s without its motors
@@ -29,7 +29,7 @@ def link_lost(why: str, *, on_its_own: bool) -> str:
     return f"link lost ({why}): {ON_ITS_OWN if on_its_own else WITHOUT_SETPOINTS}"
 
 
-class Watch:
+class Watchdog:
     """Looks again and again, in flight.
 
     Args:
@@ -40,7 +40,9 @@ class Watch:
         pose: What measures its position, if it does not do that itself.
     """
 
-    def __init__(self, link: Link, vitals: Vitals, stream: Stream, bounds: Bounds, pose: Pose | None) -> None:
+    def __init__(
+        self, link: Link, vitals: Telemetry, stream: SetpointStream, bounds: Bounds, pose: PoseFeed | None
+    ) -> None:
         self._link = link
         self._vitals = vitals
         self._stream = stream

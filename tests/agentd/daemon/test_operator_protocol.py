@@ -27,7 +27,7 @@ from agentd.daemon.operator_protocol import (
 )
 from dcf_zenoh.config import load
 from dcf_zenoh.errors import MessageError
-from dcf_zenoh.faults.link import Link
+from dcf_zenoh.faults.chain import FaultChain
 from dcf_zenoh.records.agent_log import AgentLog
 from dcf_zenoh.records.writer import Recorder
 from dcf_zenoh.spec import FaultTable, Table
@@ -43,7 +43,7 @@ class Daemon:
 
     def __init__(self, folder: Path, faults: str = "", **changes: Any) -> None:
         self.fleet = load(lossy(folder, faults), changes=[f"{key}={value}" for key, value in changes.items()])
-        self.links: dict[int, Link] = {}
+        self.links: dict[int, FaultChain] = {}
         self.stream = io.BytesIO()
         self.ends: list[str] = []
         recorder = Recorder(self.stream, 2, {})
@@ -146,7 +146,7 @@ def test_change_acts_on_the_links_named_from_now_on(daemon: Daemon) -> None:
 
 
 def test_link_that_had_faults_keeps_them(daemon: Daemon) -> None:
-    link = daemon.links[1] = Link(0, 1, 2)
+    link = daemon.links[1] = FaultChain(0, 1, 2)
     link.add("partition", (0, inf), None)
     daemon.tell(SET)
     assert daemon.links[1] is link
@@ -227,7 +227,7 @@ def test_log_has_all_that_was_done_and_it_can_be_done_again(daemon: Daemon, tmp_
 
 def test_faults_of_a_link_draw_as_those_of_a_fleet_file(daemon: Daemon) -> None:
     daemon.tell({**SET, "fault": {"kind": "loss", "probability": 0.5}})
-    same = Link(daemon.fleet.spec.seed, 1, 2)
+    same = FaultChain(daemon.fleet.spec.seed, 1, 2)
     same.add("loss", (-inf, inf), daemon.links[1]._layers["loss"].entries[0][1])
     outcome = convey(daemon.links[1], 50, MS)
     assert outcome == convey(same, 50, MS)

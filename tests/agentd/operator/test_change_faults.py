@@ -17,7 +17,7 @@ from agentd.daemon.operator_protocol import decode_answer
 from agentd.launcher.rundir import read_about, write_about
 from agentd.operator.fault_history import changes_of
 from agentd.operator.query import ask
-from agentd.operator.running_fleet import Whereabouts
+from agentd.operator.running_fleet import RunningFleet
 from dcf_zenoh import Run
 from dcf_zenoh.config import freeze, load
 from dcf_zenoh.configuration.building.fault_links import window_of
@@ -146,7 +146,7 @@ def flight(tmp_path_factory: pytest.TempPathFactory) -> Flight:
         operate("end", "--from", "1", "--to", "2", "clear")
         operate("latency", "--from", "2", "latency", "mean=0.01", "reorder=false")
         operate("off", "--from", "3", "--to", "2", "duplication", "off")
-        where = Whereabouts.read(flight.folder)
+        where = RunningFleet.read(flight.folder)
         found = ask(where.address, {2: b"\x80\x04malformed"}, 10.0)
         flight.malformed = decode_answer(found[2], 2).error
         os.kill(pids[3], signal.SIGSTOP)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from dcf_zenoh.algorithms.algorithm import Dialogue
-from dcf_zenoh.controllers.fleet_states import PATIENCE, Others, Sight
+from dcf_zenoh.controllers.fleet_states import PATIENCE, FleetStates, Sight
 from dcf_zenoh.graph import Graph
 from dcf_zenoh.plant import Array
 from dcf_zenoh.problems.position_swap import PositionSwap
@@ -16,9 +16,9 @@ PATH = Graph.of(AGENTS, [(1, 2), (2, 1), (2, 3), (3, 2)])
 SAMPLE_TIME = 0.2  # s
 
 
-def team(graph: Graph = COMPLETE, *, signed: bool = True) -> dict[int, Others]:
+def team(graph: Graph = COMPLETE, *, signed: bool = True) -> dict[int, FleetStates]:
     problem = {i: PositionSwap(i, AGENTS, SAMPLE_TIME, target=(0.0, 0.0)) if signed else object() for i in AGENTS}
-    return {i: Others(me, problem[i], SAMPLE_TIME, 0.6) for i, me in fleet_of(graph).items()}
+    return {i: FleetStates(me, problem[i], SAMPLE_TIME, 0.6) for i, me in fleet_of(graph).items()}
 
 
 def silent(*agents: int) -> Delay:
@@ -27,7 +27,7 @@ def silent(*agents: int) -> Delay:
 
 
 def meet(
-    others: Mapping[int, Others],
+    others: Mapping[int, FleetStates],
     states: Mapping[int, Array],
     step: int,
     links: Delay = in_time,

@@ -3,19 +3,19 @@ import pytest
 
 from dcf_zenoh.algorithms.algorithm import Dialogue, Inbox, PerNeighbour
 from dcf_zenoh.controllers.padding import unstacked
-from dcf_zenoh.controllers.piggyback import ALONE, Carrier, Table
+from dcf_zenoh.controllers.piggyback import ALONE, Piggyback, PiggybackTable
 from dcf_zenoh.errors import AlgorithmError
 from dcf_zenoh.message import canonical
 
 
-def table(*rows: tuple[int, int, float]) -> Table:
-    made = Table("t")
+def table(*rows: tuple[int, int, float]) -> PiggybackTable:
+    made = PiggybackTable("t")
     for agent, step, value in rows:
         made.put((agent,), step, np.array([value]))
     return made
 
 
-def values(of: Table) -> dict[int, tuple[int, float]]:
+def values(of: PiggybackTable) -> dict[int, tuple[int, float]]:
     return {agent: (entry.step, float(entry.value[0])) for (agent,), entry in of.rows.items()}
 
 
@@ -32,7 +32,7 @@ def test_of_two_values_of_one_step_the_first_stays() -> None:
 
 
 def test_a_table_survives_the_journey_and_an_empty_one_adds_nothing() -> None:
-    here, there = table((2, 7, 0.5), (1, 6, -0.5)), Table("t")
+    here, there = table((2, 7, 0.5), (1, 6, -0.5)), PiggybackTable("t")
     assert there.payload == {}
     there.merge({})
     there.merge(canonical(here.payload))
@@ -41,7 +41,7 @@ def test_a_table_survives_the_journey_and_an_empty_one_adds_nothing() -> None:
 
 
 def test_values_of_unlike_length_ride_together() -> None:
-    here, there = Table("t"), Table("t")
+    here, there = PiggybackTable("t"), PiggybackTable("t")
     here.put((1,), 0, np.array([1.0, 2.0]))
     here.put((2,), 0, np.array([1.0, 2.0, 3.0]))
     there.merge(canonical(here.payload))
@@ -63,7 +63,7 @@ def listen(said: object, heard: list[Inbox]) -> Dialogue[str]:
 def test_the_dialogue_notices_nothing(edges: bool) -> None:
     mine, heard = table((1, 3, 0.1)), list[Inbox]()
     said = PerNeighbour({2: {"x": 2.0}, 3: {"x": 3.0}}) if edges else {"x": 1.0}
-    carried = Carrier(mine).carry(listen(said, heard))
+    carried = Piggyback(mine).carry(listen(said, heard))
     payload, residual = next(carried)
     sent = payload.payloads if isinstance(payload, PerNeighbour) else {2: payload, 3: payload}
     for each in sent.values():
@@ -90,7 +90,7 @@ def test_the_dialogue_notices_nothing(edges: bool) -> None:
 
 def test_neighbours_that_have_sent_nothing_but_tables_are_missing_to_the_dialogue() -> None:
     mine, heard = table((1, 3, 0.1)), list[Inbox]()
-    carried = Carrier(mine).carry(listen({"x": 1.0}, heard))
+    carried = Piggyback(mine).carry(listen({"x": 1.0}, heard))
     payload, _ = next(carried)
     alone = {ALONE: 1, **table((2, 3, 0.2)).payload}
     carried.send(Inbox(payload, {2: alone}, stop=False, missing=(4,)))  # type: ignore[arg-type]
@@ -100,10 +100,10 @@ def test_neighbours_that_have_sent_nothing_but_tables_are_missing_to_the_dialogu
 
 def test_a_name_that_is_taken_is_refused() -> None:
     with pytest.raises(AlgorithmError, match=r"payload names that begin with 'riding\.' are taken"):
-        next(Carrier().carry(listen({"riding.x": 1.0}, [])))
+        next(Piggyback().carry(listen({"riding.x": 1.0}, [])))
 
 
 @pytest.mark.parametrize("said", [None, 3.0, [1, 2]])
 def test_what_breaks_the_contract_is_left_to_the_exchange(said: object) -> None:
-    payload, _ = next(Carrier(table((1, 1, 1.0))).carry(listen(said, [])))
+    payload, _ = next(Piggyback(table((1, 1, 1.0))).carry(listen(said, [])))
     assert payload is said

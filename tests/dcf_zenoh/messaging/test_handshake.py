@@ -2,12 +2,12 @@ import msgpack
 import pytest
 
 from dcf_zenoh.errors import MessageError, NetworkError
-from dcf_zenoh.messaging.handshake import ClockOffset, Hello, Meeting
+from dcf_zenoh.messaging.handshake import ClockOffset, Handshake, Hello
 
 MS = 1_000_000
 
 
-def exchange(a: Meeting, b: Meeting, *, ahead: int = 0, there: int = MS, back: int = MS) -> tuple[Hello, Hello]:
+def exchange(a: Handshake, b: Handshake, *, ahead: int = 0, there: int = MS, back: int = MS) -> tuple[Hello, Hello]:
     """Agent 1 says hello, agent 2 answers; 2's clock is `ahead` of 1's, the ways take `there` and `back` ns."""
     sent, stay = 100 * MS, 5 * MS
     question = Hello.read(a.say(2, sent), 1, sent + there + ahead)
@@ -17,7 +17,7 @@ def exchange(a: Meeting, b: Meeting, *, ahead: int = 0, there: int = MS, back: i
 
 
 def test_a_neighbour_is_met_when_it_has_answered() -> None:
-    a, b = Meeting(1, [2], "f"), Meeting(2, [1], "f")
+    a, b = Handshake(1, [2], "f"), Handshake(2, [1], "f")
     first, answer = exchange(a, b)
     assert first.echo == 0
     assert not b.over  # it was heard, but does not know that it was
@@ -29,7 +29,7 @@ def test_a_neighbour_is_met_when_it_has_answered() -> None:
 
 @pytest.mark.parametrize(("there", "back"), [(MS, MS), (3 * MS, MS)])
 def test_the_clock_offset_is_found_within_its_stated_error(there: int, back: int) -> None:
-    a, b = Meeting(1, [2], "f"), Meeting(2, [1], "f")
+    a, b = Handshake(1, [2], "f"), Handshake(2, [1], "f")
     shift = 50 * MS
     a.hear(exchange(a, b, ahead=shift, there=there, back=back)[1])
     offset = a.offsets[2]
@@ -37,14 +37,14 @@ def test_the_clock_offset_is_found_within_its_stated_error(there: int, back: int
 
 
 def test_the_most_certain_offset_is_kept() -> None:
-    a = Meeting(1, [2], "f")
+    a = Handshake(1, [2], "f")
     for error in (5, 1, 9):
         a.hear(Hello(2, "f", 10, 10, 10, 10 + 2 * error))
     assert a.offsets[2] == ClockOffset(-1, 1)
 
 
 def test_a_neighbour_that_went_away_has_to_answer_again() -> None:
-    a = Meeting(1, [2, 3], "f")
+    a = Handshake(1, [2, 3], "f")
     a.hear(Hello(2, "f", 1, 1, 1, 1))
     assert a.plight == "nothing heard of agent 3"
     a.lose(2)
@@ -55,7 +55,7 @@ def test_a_neighbour_that_went_away_has_to_answer_again() -> None:
 
 def test_another_fleet_is_refused() -> None:
     with pytest.raises(NetworkError, match=r"agent 2 runs another fleet file.*fingerprint g, expected f"):
-        Meeting(1, [2], "f").hear(Hello(2, "g", 1, 0, 0, 1))
+        Handshake(1, [2], "f").hear(Hello(2, "g", 1, 0, 0, 1))
 
 
 @pytest.mark.parametrize(

@@ -257,7 +257,7 @@ def test_one_way_links_become_ready_and_carry_messages_one_way() -> None:
         assert receive(networks[2], 1).sequence == 0
         networks[2].publish(message(2, 5))
         assert receive(networks[3], 2).sequence == 5
-        assert networks[2].arrived(1) is None
+        assert networks[2].poll(1) is None
         with pytest.raises(KeyError):
             networks[1].receive(2, soon())
 
@@ -273,8 +273,8 @@ def test_what_all_get_and_what_one_gets_arrive_in_order() -> None:
                 np.testing.assert_array_equal(found.payload["x"], np.full(3, float(number)))
             if number % 3 != 1:
                 assert receive(networks[3], 1).sequence == number
-        assert networks[2].arrived(1) is None
-        assert networks[3].arrived(1) is None
+        assert networks[2].poll(1) is None
+        assert networks[3].poll(1) is None
 
 
 def test_the_time_of_sending_can_be_stamped_at_the_last_moment() -> None:

@@ -18,17 +18,17 @@ def random_strongly_connected(count: int, rng: random.Random) -> Graph:
 
 
 def play(
-    graph: Graph, residuals: list[list[float]], settled: list[bool], margin: int = 0
+    graph: Graph, residuals: list[list[float]], arrived: list[bool], margin: int = 0
 ) -> tuple[list[int], list[bool]]:
     """In which round each agent leaves, and whether it then knows that all have settled."""
     agreements = {
-        i: Agreement(graph.diameter, len(graph.in_neighbours(i)), 1.0, margin, settled=settled[i]) for i in graph.agents
+        i: Agreement(graph.diameter, len(graph.in_neighbours(i)), 1.0, margin, arrived=arrived[i]) for i in graph.agents
     }
     left: dict[int, int] = {}
     for round, now in enumerate(residuals):
         headers = {i: agreements[i].header(now[i]) for i in graph.agents}
         sent = {
-            i: Message(i, 0, round, 0, round, 0, h.stop_at, h.settled_hops, 0, Last.NO, h.residuals, (), {})
+            i: Message(i, 0, round, 0, round, 0, h.stop_at, h.arrived_hops, 0, Last.NO, h.residuals, (), {})
             for i, h in headers.items()
         }
         for i in graph.agents:
@@ -37,7 +37,7 @@ def play(
                 left.setdefault(i, round)
         if left:
             break
-    return [left.get(i, -1) for i in graph.agents], [agreements[i].all_settled for i in graph.agents]
+    return [left.get(i, -1) for i in graph.agents], [agreements[i].all_arrived for i in graph.agents]
 
 
 @given(st.integers(1, 7), st.integers(0, 2**32), st.integers(0, 3))
@@ -57,11 +57,11 @@ def test_all_agents_leave_in_the_same_round_the_earliest_possible(count: int, se
 @given(st.integers(1, 7), st.integers(0, 2**32), st.data())
 def test_all_know_that_all_have_settled_exactly_when_they_have(count: int, seed: int, data: st.DataObject) -> None:
     graph = random_strongly_connected(count, random.Random(seed))
-    settled = data.draw(st.lists(st.booleans(), min_size=count, max_size=count))
+    arrived = data.draw(st.lists(st.booleans(), min_size=count, max_size=count))
     rounds = [[math.inf] * count] * (graph.diameter + 1)
-    _, known = play(graph, rounds[: max(1, graph.diameter)], settled)
-    assert known == [all(settled)] * count
-    assert play(graph, rounds, settled)[1] == [all(settled)] * count
+    _, known = play(graph, rounds[: max(1, graph.diameter)], arrived)
+    assert known == [all(arrived)] * count
+    assert play(graph, rounds, arrived)[1] == [all(arrived)] * count
 
 
 def test_nobody_claims_that_all_have_settled_before_having_heard_of_all() -> None:

@@ -12,8 +12,8 @@ import pytest
 
 from dcf_zenoh.algorithms.algorithm import Dialogue
 from dcf_zenoh.assembly import AgentParts
+from dcf_zenoh.faults.chain import ALWAYS, FaultChain, Layer
 from dcf_zenoh.faults.latency import Latency
-from dcf_zenoh.faults.link import ALWAYS, Layer, Link
 from dcf_zenoh.graph import Graph, Neighbourhood, uniform
 from dcf_zenoh.loop.agent import Ending
 from dcf_zenoh.message import Last
@@ -21,10 +21,10 @@ from dcf_zenoh.messaging.mailbox import Mailbox
 from dcf_zenoh.plant import NoPlant
 from dcf_zenoh.records.writer import Recorder
 from dcf_zenoh.requests import Loop, Wait
-from dcf_zenoh.rounds.activation import Rhythm
+from dcf_zenoh.rounds.activation import ActivationSchedule
 from dcf_zenoh.rounds.exchange import Exchange
-from dcf_zenoh.rounds.receiver import Reception
-from dcf_zenoh.rounds.sender import Transmission
+from dcf_zenoh.rounds.receiver import Receiver
+from dcf_zenoh.rounds.sender import Sender
 from dcf_zenoh.simulation import run_agents
 from dcf_zenoh.spec import Rounds
 
@@ -110,7 +110,7 @@ def simulated(case: Case, dice: random.Random) -> tuple[Trace, dict[int, int], T
         hood = Neighbourhood.of(case.graph, agent, uniform(case.graph))
         mailbox = Mailbox(hood.receives_from)
         links = {
-            j: Link(0, j, agent, [Layer("latency", [(ALWAYS, Latency(j, agent, Path(), mean=delay * 1e-9))])])
+            j: FaultChain(0, j, agent, [Layer("latency", [(ALWAYS, Latency(j, agent, Path(), mean=delay * 1e-9))])])
             for j in hood.receives_from
             if (delay := case.latency[j, agent])
         }
@@ -120,10 +120,10 @@ def simulated(case: Case, dice: random.Random) -> tuple[Trace, dict[int, int], T
             lambda _step, hood=hood: hood,  # type: ignore[misc]
             Rounds(mode="asynchronous", max_rounds=case.max_rounds, compute_time=case.compute * 1e-9),
             mailbox,
-            Reception(mailbox, links, hold=True),
-            Transmission(agent),
+            Receiver(mailbox, links, hold=True),
+            Sender(agent),
             lambda: 0,
-            rhythm=Rhythm(case.period[agent], case.jitter[agent], rng),
+            rhythm=ActivationSchedule(case.period[agent], case.jitter[agent], rng),
         )
         parts.append(AgentParts(agent, NoPlant(), mailbox, links, exchange, RECORDER, life(agent, exchange)))
     run_agents(parts, case.graph, dice.randrange)

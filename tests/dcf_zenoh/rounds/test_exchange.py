@@ -14,8 +14,8 @@ from dcf_zenoh.message import Last, Message, Payload
 from dcf_zenoh.messaging.mailbox import Mailbox
 from dcf_zenoh.requests import NEVER, Publish, Wait
 from dcf_zenoh.rounds.exchange import Exchange, Outcome
-from dcf_zenoh.rounds.receiver import Reception
-from dcf_zenoh.rounds.sender import Transmission
+from dcf_zenoh.rounds.receiver import Receiver
+from dcf_zenoh.rounds.sender import Sender
 from dcf_zenoh.spec import Rounds
 
 HOOD = Neighbourhood((2, 3), (2, 3), {1: 0.4, 2: 0.3, 3: 0.3}, 1, doubly_stochastic=True)
@@ -32,8 +32,8 @@ class Bench:
     def __init__(self, answer: Callable[[int, int], tuple[Payload, int] | None], **settings: Any) -> None:
         self.mailbox = Mailbox(HOOD.receives_from)
         rounds = Rounds(**settings)
-        reception = Reception(self.mailbox, hold=rounds.missing == "hold", silent_after=rounds.silent_after)
-        self.exchange = Exchange(1, lambda _step: HOOD, rounds, self.mailbox, reception, Transmission(1), lambda: 0)
+        receiver = Receiver(self.mailbox, hold=rounds.missing == "hold", skip_after_rounds=rounds.skip_after_rounds)
+        self.exchange = Exchange(1, lambda _step: HOOD, rounds, self.mailbox, receiver, Sender(1), lambda: 0)
         self.answer = answer
         self.published: list[Publish] = []
         self.now = 0

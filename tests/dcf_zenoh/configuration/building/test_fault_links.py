@@ -7,9 +7,9 @@ from dcf_zenoh.config import LoadedFleet, graph_of, load
 from dcf_zenoh.configuration.building.fault_links import can_lose, fault_of, links_to, margin_of, needs_positions
 from dcf_zenoh.errors import PluginError
 from dcf_zenoh.faults.bursts import Bursts
+from dcf_zenoh.faults.chain import FaultChain
 from dcf_zenoh.faults.fault import Fault
 from dcf_zenoh.faults.latency import Latency
-from dcf_zenoh.faults.link import Link
 from dcf_zenoh.faults.loss import Loss
 from dcf_zenoh.faults.partition import Partition
 from dcf_zenoh.spec import FaultTable, FleetSpec
@@ -19,11 +19,11 @@ from tests.support.lossy_fleets import lossy
 S = 1_000_000_000  # ns
 
 
-def links(fleet: LoadedFleet, receiver: int) -> dict[int, Link]:
+def links(fleet: LoadedFleet, receiver: int) -> dict[int, FaultChain]:
     return links_to(fleet.spec, fleet.folder, graph_of(fleet), receiver)
 
 
-def acting(link: Link, seconds: float) -> dict[str, type[Fault]]:
+def acting(link: FaultChain, seconds: float) -> dict[str, type[Fault]]:
     layers = {layer.name: layer.acting(round(seconds * S)) for layer in link._chain}
     return {name: type(fault) for name, fault in layers.items() if fault is not None}
 

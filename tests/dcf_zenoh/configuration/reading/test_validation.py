@@ -19,7 +19,7 @@ from tests.support.fleet_files import problems
         ("seed=1.5", "seed: expected a whole number >= 0, not 1.5"),
         (
             "log.rounds=1",
-            "log.rounds: expected true or false (record payload, residual and arrivals of every round), not 1",
+            "log.rounds: expected true or false (record payload, residual and reception times of every round), not 1",
         ),
         ("time.sample_time=0", "time.sample_time: expected a number > 0 (control period t_s, s), not 0"),
         ("time.sample_time=true", "time.sample_time: expected a number > 0 (control period t_s, s), not true"),
@@ -29,6 +29,14 @@ from tests.support.fleet_files import problems
         ("agents={}", "agents: expected a table, not {}"),
         ("plants=3", "plants: expected a table (plants by name), not 3"),
         ("fautls={}", "fautls: a fleet file has no key 'fautls'; did you mean 'faults'? accepted: name, seed, plant, "),
+        (
+            "exchange.silent_after=5",
+            "exchange.silent_after: [exchange] has no key 'silent_after' any more: it is called 'skip_after_rounds'",
+        ),
+        (
+            "zenoh.silence_timeout=5.0",
+            "zenoh.silence_timeout: [zenoh] has no key 'silence_timeout' any more: it is called 'receive_timeout'",
+        ),
         ("problem={}", "problem.kind: missing; expected a string (name of a built-in or installed kind, "),
         (
             "topology.weights=fair",

@@ -11,7 +11,7 @@ from cflib.crazyflie.high_level_commander import HighLevelCommander
 from cflib.crtp.crtpstack import CRTPPacket
 
 from plants.crazyflie.emulator.planner import Planner
-from plants.crazyflie.emulator.setpoints import STOP, ByThrust, Setpoint, generic
+from plants.crazyflie.emulator.setpoints import STOP, ByThrust, FirmwareSetpoint, generic
 from plants.crazyflie.model.cascade import (
     HOVER,
     POSITION,
@@ -39,7 +39,7 @@ class Sent:
         self.data = bytes(packet.data)
 
 
-def understood(method: str, *values: float, protocol: int = PRESENT) -> Setpoint | None:
+def understood(method: str, *values: float, protocol: int = PRESENT) -> FirmwareSetpoint | None:
     sent = Sent(protocol)
     getattr(Commander(sent), method)(*values)
     return generic(sent.data)
@@ -113,7 +113,7 @@ def test_what_is_not_known_is_no_setpoint() -> None:
     ],
 )
 def test_levelled_setpoint_keeps_what_was_asked_for_the_vertical(mode: int, level: int) -> None:
-    assert Setpoint(mode, (0.3, -0.2, 0.7, 0.4)).levelled == Setpoint(level, (0.0, 0.0, 0.7, 0.0))
+    assert FirmwareSetpoint(mode, (0.3, -0.2, 0.7, 0.4)).levelled == FirmwareSetpoint(level, (0.0, 0.0, 0.7, 0.0))
     assert STOP.levelled == STOP
 
 

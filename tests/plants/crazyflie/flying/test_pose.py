@@ -13,7 +13,7 @@ import zenoh
 
 from dcf_zenoh.errors import PlantError
 from dcf_zenoh.plant import Setpoint
-from plants.crazyflie.flying.pose import Pose, decode
+from plants.crazyflie.flying.pose import PoseFeed, decode
 from plants.crazyflie.hardware import CrazyflieHardware
 from tests.support.emulated import Emulated, drive, until
 
@@ -76,7 +76,7 @@ def test_anything_else_is_told(payload: bytes) -> None:
 
 def test_a_bad_endpoint_is_an_error() -> None:
     with pytest.raises(PlantError, match=r"^pose 'lab/pose' at nonsense: "):
-        Pose("lab/pose", "nonsense").open()
+        PoseFeed("lab/pose", "nonsense").open()
 
 
 def test_without_a_pose_it_does_not_pass(emulator: Emulated, tmp_path: Path) -> None:

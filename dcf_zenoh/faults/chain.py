@@ -73,7 +73,7 @@ def _undrawn(philox: np.random.Philox) -> tuple[list[int], Any]:
     return counter, {**state, "state": {"counter": counter, "key": key}, "buffer": state["buffer"].tolist()}
 
 
-class Link:
+class FaultChain:
     """The chain of faults of one directed link.
 
     Args:

@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 from dcf_zenoh.errors import FaultError
 from dcf_zenoh.faults.bandwidth import Bandwidth
 from dcf_zenoh.faults.bursts import Bursts
+from dcf_zenoh.faults.chain import ALWAYS, FaultChain, Layer
 from dcf_zenoh.faults.duplication import Duplication
 from dcf_zenoh.faults.fault import Fault
 from dcf_zenoh.faults.latency import Latency
-from dcf_zenoh.faults.link import ALWAYS, Layer, Link
 from dcf_zenoh.faults.loss import Loss
 from dcf_zenoh.faults.noise import Noise
 from dcf_zenoh.faults.quantisation import Quantisation
@@ -53,12 +53,12 @@ def drawn(
 def test_a_name_stands_where_the_fault_stands_that_acts() -> None:
     rounded, noisy = Quantisation(step=0.25), Noise(std=0.01)
     layers = [Layer("noise", [(ALWAYS, noisy)]), Layer("x", [(ALWAYS, rounded), ((10, 20), Tampering(offset=0.1))])]
-    chain = Link(0, 1, 2, layers)
+    chain = FaultChain(0, 1, 2, layers)
     before, within, after = (chain.convey(delivery(n, entered=n)).deliveries[0] for n in (9, 10, 20))
     for each in (before, after):
         assert np.all(np.asarray(each.message.payload["x"]) % 0.25 == 0)
     assert np.all(np.asarray(within.message.payload["x"]) % 0.25 != 0)
-    alone = Link(0, 1, 2, [Layer("noise", [(ALWAYS, noisy)]), Layer("x", [(ALWAYS, rounded)])])
+    alone = FaultChain(0, 1, 2, [Layer("noise", [(ALWAYS, noisy)]), Layer("x", [(ALWAYS, rounded)])])
     assert np.array_equal(
         alone.convey(delivery(9, entered=9)).deliveries[0].message.payload["x"], before.message.payload["x"]
     )
@@ -173,7 +173,7 @@ def test_later_entries_win_within_their_windows() -> None:
 
 def test_a_window_has_the_draws_of_its_name() -> None:
     inside = Draw()
-    chain = Link(0, 1, 2, [Layer("draw", [(ALWAYS, Draw()), ((0, 5 * MS), inside)])])
+    chain = FaultChain(0, 1, 2, [Layer("draw", [(ALWAYS, Draw()), ((0, 5 * MS), inside)])])
     convey(chain, 50)
     assert inside.drawn == drawn()[:5]
 
@@ -232,7 +232,7 @@ def fail(_delivery: Delivery) -> Any:
 @pytest.mark.parametrize(
     ("make", "said"),
     [
-        (fail, r"link 1 -> 2: fault 'odd': ZeroDivisionError: oops \(test_link.py:\d+\)"),
+        (fail, r"link 1 -> 2: fault 'odd': ZeroDivisionError: oops \(test_chain.py:\d+\)"),
         (lambda _: None, "link 1 -> 2: fault 'odd': TypeError: 'NoneType' object is not iterable"),
         (lambda _: ["x"], "link 1 -> 2: fault 'odd' made 'x' of a message; expected deliveries of the same message"),
         (lambda d: [d._replace(due=d.due + 0.5)], "whose due is a whole number of ns"),
@@ -243,6 +243,6 @@ def fail(_delivery: Delivery) -> Any:
     ],
 )
 def test_a_fault_that_breaks_its_contract_is_named_with_its_link(make: Callable[[Delivery], Any], said: str) -> None:
-    chain = Link(0, 1, 2, [Layer("odd", [(ALWAYS, Broken(make))])])
+    chain = FaultChain(0, 1, 2, [Layer("odd", [(ALWAYS, Broken(make))])])
     with pytest.raises(FaultError, match=said):
         chain.convey(delivery(0, 5))
