@@ -6,7 +6,7 @@ READY := $(VENV)/.ready
 
 unexport PYTHONDONTWRITEBYTECODE  # processes start faster from compiled modules
 
-.PHONY: demo test bench clean
+.PHONY: demo test bench package clean
 
 demo: $(READY)  ## four daemons fly the position swap over Zenoh, in virtual time
 	$(BIN)/agentd launch position_swap --clock virtual
@@ -26,6 +26,12 @@ bench: $(READY)  ## ratios against a bare Zenoh loop and the bare generators
 	$(BIN)/python benchmarks/latency.py
 	$(BIN)/python benchmarks/crazyflie.py
 	$(BIN)/python benchmarks/wall_clock.py
+
+package: $(READY)  ## source distribution and wheel in dist/, checked
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[package]'
+	rm -rf build dist
+	$(BIN)/python -m build
+	$(BIN)/python -m twine check --strict dist/*
 
 clean:
 	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache .hypothesis build dist *.egg-info

@@ -1,0 +1,1 @@
+"""Parameters of vehicles: one TOML file each, every number with its source."""
