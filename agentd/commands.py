@@ -5,18 +5,22 @@ import sys
 from argparse import Namespace
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TypeAlias
 
 from agentd.launcher.rundir import check_unused, default_endpoints, new_run_folder, read_about
-from agentd.printing import print_wide
-from agentd.run_and_report import judge, launch_and_tell, load_as_asked, print_judgement, read_run, simulate_and_tell
+from agentd.run_and_report import (
+    judge,
+    launch_and_tell,
+    load_as_asked,
+    print_judgement,
+    print_wide,
+    read_run,
+    simulate_and_tell,
+)
 from dcf_zenoh.config import load, to_toml
 from dcf_zenoh.errors import ConfigurationError, RecordingError
 from dcf_zenoh.plugins import GROUPS
 from dcf_zenoh.records.run import Run
-
-if TYPE_CHECKING:
-    pass
 
 Command: TypeAlias = Callable[[Namespace], int]
 
@@ -189,9 +193,9 @@ def land(options: Namespace) -> int:
 
     In the terminal of `agentd launch` the key l does the same.
     """
-    from agentd.operator.land_stop import order  # noqa: PLC0415 - Zenoh is for those who need it
+    from agentd.operator.land_stop import end_flight  # noqa: PLC0415 - Zenoh is for those who need it
 
-    return order(options.run, "land")
+    return end_flight(options.run, "land")
 
 
 def stop(options: Namespace) -> int:
@@ -200,9 +204,9 @@ def stop(options: Namespace) -> int:
     It does not go through the control loop, so it also works where an algorithm hangs; such an agent cannot answer.
     In the terminal of `agentd launch` the key x does the same.
     """
-    from agentd.operator.land_stop import order  # noqa: PLC0415 - Zenoh is for those who need it
+    from agentd.operator.land_stop import end_flight  # noqa: PLC0415 - Zenoh is for those who need it
 
-    return order(options.run, "stop")
+    return end_flight(options.run, "stop")
 
 
 def rerun(options: Namespace) -> int:

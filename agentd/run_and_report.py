@@ -5,7 +5,7 @@ import sys
 from argparse import Namespace
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import IO, TYPE_CHECKING
 
 from agentd.launcher.rundir import write_about
 from dcf_zenoh.config import LoadedFleet, load
@@ -13,20 +13,20 @@ from dcf_zenoh.errors import DcfError, Landed, RecordingError
 from dcf_zenoh.records.run import Run
 
 if TYPE_CHECKING:
+    from rich.console import RenderableType
+
     from dcf_zenoh.analysis.oracle import Oracle
+
+WIDE = 160  # characters
 
 
 def launch_and_tell(fleet: LoadedFleet, folder: Path, options: Namespace) -> None:
     """Launch, and say what came of it, also when it failed."""
-    from agentd.launcher.launch import launch as launch_fleet  # noqa: PLC0415 - Zenoh is for those who need it
-    from agentd.launcher.progress import Progress  # noqa: PLC0415
-
     failure: DcfError | None = None
-    with Progress(fleet.spec, quiet=options.json) as progress:
-        try:
-            launch_fleet(fleet, folder, progress.show, progress.say, yes=options.yes)
-        except DcfError as error:
-            failure = error
+    try:
+        launch_with_progress(fleet, folder, quiet=options.json, yes=options.yes)
+    except DcfError as error:
+        failure = error
     try:
         tell(Run.read(folder), options)
     except RecordingError:
@@ -38,13 +38,37 @@ def launch_and_tell(fleet: LoadedFleet, folder: Path, options: Namespace) -> Non
 
 def simulate_and_tell(fleet: LoadedFleet, folder: Path, options: Namespace) -> None:
     """Simulate, and say what came of it."""
-    from dcf_zenoh.simulation import simulate as simulate_fleet  # noqa: PLC0415
-
-    write_about(folder, {"fleet": fleet.spec.name, "run": folder.resolve().name, "source": fleet.source})
-    found = simulate_fleet(fleet, out=folder)
+    found = simulate_into(folder, fleet)
     tell(found, options)
     if landed := [log.landed for log in found.agents.values() if log.landed]:
         raise Landed("\n".join(landed))
+
+
+def launch_with_progress(fleet: LoadedFleet, folder: Path, *, quiet: bool, yes: bool) -> None:
+    """Launch a fleet and show its progress on standard error.
+
+    Args:
+        fleet: What to run.
+        folder: An empty run directory.
+        quiet: Print only what goes wrong.
+        yes: Real bodies may take off without a key press.
+
+    Raises:
+        DcfError: As `agentd.launcher.launch.launch` does.
+    """
+    from agentd.launcher.launch import launch  # noqa: PLC0415 - imports Zenoh, which most commands do not need
+    from agentd.launcher.progress import Progress  # noqa: PLC0415
+
+    with Progress(fleet.spec, quiet=quiet) as progress:
+        launch(fleet, folder, progress.show, progress.say, yes=yes)
+
+
+def simulate_into(folder: Path, fleet: LoadedFleet) -> Run:
+    """Simulate a fleet; return its run, which is in `folder`, an empty directory."""
+    from dcf_zenoh.simulation import simulate  # noqa: PLC0415
+
+    write_about(folder, {"fleet": fleet.spec.name, "run": folder.resolve().name, "source": fleet.source})
+    return simulate(fleet, out=folder)
 
 
 def load_as_asked(options: Namespace, *, run_plugins: bool = True, unused: bool = True) -> LoadedFleet:
@@ -117,3 +141,12 @@ def print_judgement(runs: Sequence[Run], judged: "Sequence[Oracle]") -> None:
 
     for run, found in zip(runs, judged, strict=False):
         Console().print(oracle_table(run, found), highlight=False)
+
+
+def print_wide(output: IO[str], *what: "RenderableType") -> None:
+    """Print tables and lines in the width of the terminal, or in `WIDE` characters where there is none."""
+    from rich.console import Console  # noqa: PLC0415 - daemons print no tables
+
+    console = Console(file=output)
+    console = console if console.is_terminal else Console(file=output, width=WIDE)
+    console.print(*what, sep="\n", highlight=False)

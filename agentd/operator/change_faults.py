@@ -1,13 +1,13 @@
 """``agentd fault``: change the faults of a fleet that runs, show them, and export what was changed."""
 
 import sys
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from agentd.daemon.operator_protocol import Answer, Change, Clear, Done, Show, changes_in, decode_answer, encode
+from agentd.daemon.operator_protocol import Answer, Change, Clear, Done, Show, changes_in, encode
 from agentd.operator.fault_history import FaultPeriod, inline, overview, plain, rules, stretches, to_toml
-from agentd.operator.query import ask
+from agentd.operator.query import print_complaints, query_agents
 from agentd.operator.running_fleet import RunningFleet, find_run
 from dcf_zenoh.config import graph_of
 from dcf_zenoh.configuration.checks.live_faults import check_change, check_ends, check_rules
@@ -16,7 +16,6 @@ from dcf_zenoh.diagnostics import listed
 from dcf_zenoh.errors import ConfigurationError, MessageError
 from dcf_zenoh.spec import FaultRule, nanoseconds
 
-TIMEOUT = 3.0  # s for all answers
 LOOKS = ("show", "export")
 
 
@@ -58,14 +57,14 @@ def fault(name: str, senders: str | None, receivers: str | None, words: Sequence
             j: encode(Change(senders=found, name=what, fault=switch))
             for j, found in _links_by_receiver(run, rule).items()
         }
-    answers, complaints = _ask(run, requests)
+    answers, complaints = query_agents(run.address, requests)
     for j, answer in answers.items():
         print(f"{listed(answer.senders)} -> {j}: {text}, from {answer.time * 1e-9:.3f} s on")
     if complaints:
         complaints.append(
             f"what acts where, now or when a slow agent has caught up, tells agentd fault {run.folder} show"
         )
-    return _complain(complaints)
+    return print_complaints(complaints)
 
 
 def _look(run: RunningFleet, rule: FaultRule, what: str) -> int:
@@ -84,7 +83,7 @@ def _look(run: RunningFleet, rule: FaultRule, what: str) -> int:
         print(overview(run.fleet.spec, links, found, times))
     elif found or not complaints:  # who does not tell may have been changed
         _export(run, found)
-    return _complain(complaints)
+    return print_complaints(complaints)
 
 
 def _export(run: RunningFleet, found: Iterable[FaultPeriod]) -> None:
@@ -104,7 +103,7 @@ def _history(run: RunningFleet, agents: Iterable[int]) -> tuple[dict[int, int], 
     answers: dict[int, Answer] = {}
     complaints: list[str] = []
     if not run.over and run.fleet.spec.time.clock == "wall":
-        answers, complaints = _ask(run, {j: encode(Show()) for j in agents})
+        answers, complaints = query_agents(run.address, {j: encode(Show()) for j in agents})
     times = {j: answer.time for j, answer in answers.items()}
     changes = {j: answer.changes for j, answer in answers.items()}
     for j in agents:
@@ -123,26 +122,6 @@ def _history(run: RunningFleet, agents: Iterable[int]) -> tuple[dict[int, int], 
             continue
         times[j] = max(0, log.end["time"] if log.end else 0, nanoseconds(log.acted[-1]) if len(log.acted) else 0)
     return times, changes, complaints
-
-
-def _ask(run: RunningFleet, requests: Mapping[int, bytes]) -> tuple[dict[int, Answer], list[str]]:
-    """The answers of those who did what they were asked for, and what is to be said of the others."""
-    answers, complaints = {}, []
-    found = ask(run.address, requests, TIMEOUT)
-    for j in sorted(requests):
-        if j not in found:
-            complaints.append(f"agent {j} did not answer within {TIMEOUT:g} s")
-            continue
-        try:
-            answer = decode_answer(found[j], j)
-        except MessageError as error:
-            complaints.append(f"agent {j}: {error}")
-            continue
-        if answer.error:
-            complaints += [f"agent {j}: {line}" for line in answer.error.splitlines()]
-        else:
-            answers[j] = answer
-    return answers, complaints
 
 
 def _check_changeable(run: RunningFleet) -> None:
@@ -192,12 +171,6 @@ def _value(words: Sequence[str]) -> Any:
             )
         table[key] = value_of(text)
     return table["value"] if list(table) == ["value"] else table
-
-
-def _complain(complaints: Sequence[str]) -> int:
-    for line in complaints:
-        _say(line)
-    return 1 if complaints else 0
 
 
 def _say(line: str) -> None:

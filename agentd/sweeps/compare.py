@@ -7,10 +7,10 @@ from argparse import Namespace
 from dataclasses import dataclass
 from pathlib import Path
 
-from agentd.launcher.rundir import new_folder, new_run_folder, write_about
-from agentd.printing import print_wide
+from agentd.launcher.rundir import new_folder, new_run_folder
 from agentd.results.report import write_comparison
 from agentd.results.scores import scores, scores_table, write_csv
+from agentd.run_and_report import launch_with_progress, print_wide, simulate_into
 from agentd.sweeps.variants import Variant, load_all, variants
 from dcf_zenoh import config
 from dcf_zenoh.config import LoadedFleet
@@ -103,27 +103,12 @@ def _outcome(variant: Variant, fleet: LoadedFleet, folder: Path, options: Namesp
     """Run one variant, and read what it left."""
     try:
         if options.launch or fleet.spec.time.clock == "wall":
-            _launch(fleet, folder, quiet=options.json, yes=options.yes)
+            launch_with_progress(fleet, folder, quiet=options.json, yes=options.yes)
             return VariantOutcome(variant, folder, Run.read(folder))
-        return VariantOutcome(variant, folder, _simulate(fleet, folder))
+        return VariantOutcome(variant, folder, simulate_into(folder, fleet))
     except Interrupted:
         raise
     except DcfError as error:
         failure = " ".join(str(error).split())
         print(f"agentd: {variant.name}: failed: {failure}", file=sys.stderr)
         return VariantOutcome(variant, folder, failure=failure)
-
-
-def _launch(fleet: LoadedFleet, folder: Path, *, quiet: bool, yes: bool) -> None:
-    from agentd.launcher.launch import launch  # noqa: PLC0415 - Zenoh is for those who need it
-    from agentd.launcher.progress import Progress  # noqa: PLC0415
-
-    with Progress(fleet.spec, quiet=quiet) as progress:
-        launch(fleet, folder, progress.show, progress.say, yes=yes)
-
-
-def _simulate(fleet: LoadedFleet, folder: Path) -> Run:
-    from dcf_zenoh.simulation import simulate  # noqa: PLC0415
-
-    write_about(folder, {"fleet": fleet.spec.name, "run": folder.resolve().name, "source": fleet.source})
-    return simulate(fleet, out=folder)

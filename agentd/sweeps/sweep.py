@@ -12,11 +12,9 @@ from pathlib import Path
 from types import FrameType
 from typing import Any, NamedTuple
 
-from rich.console import Console
-
-from agentd.launcher.rundir import write_about
 from agentd.results.report import write_sweep
 from agentd.results.scores import scores, write_csv
+from agentd.run_and_report import print_wide, simulate_into
 from agentd.sweeps.sweep_folder import Row, SweepFolder, Task, plan_of
 from agentd.sweeps.sweep_progress import SweepProgress
 from agentd.sweeps.sweep_table import sweep_table
@@ -113,9 +111,8 @@ def sweep_variants(options: Namespace) -> int:
         found = {"fleet": plan["name"], "folder": str(folder.path), "runs": rows}
         print(json.dumps(found), file=options.output)
     else:
-        console = Console(file=options.output)
-        console = console if console.is_terminal else Console(file=options.output, width=160)
-        console.print(sweep_table(f"{plan['name']}: {len(chosen)} variants, {len(seeds)} seeds", rows), highlight=False)
+        title = f"{plan['name']}: {len(chosen)} variants, {len(seeds)} seeds"
+        print_wide(options.output, sweep_table(title, rows))
         files = ", ".join(path.name for path in [folder.path / "sweep.csv", *written])
         print(f"{folder.path}: {files}", file=options.output)
     return 1 if any(row["failed"] for row in rows) else 0
@@ -126,7 +123,7 @@ def run_one(job: Job) -> Row:
     row = _head(job.task)
     try:
         fleet = job.choices.load(job.task.variant, job.task.seed)
-        run = simulate(fleet, out=_kept(fleet, job.keep))
+        run = simulate(fleet) if job.keep is None else simulate_into(_emptied(job.keep), fleet)
         measured = {**scores(run), **_judged(run, wanted=job.oracle)}
         failure = None
     except Exception as error:  # of whatever kind: the other runs go on
@@ -202,12 +199,10 @@ def _axes(variants: Sequence[Variant]) -> dict[str, list[str]]:
     return {key: list(dict.fromkeys(variant.values[key] for variant in variants)) for key in variants[0].values}
 
 
-def _kept(fleet: LoadedFleet, folder: Path | None) -> Path | None:
-    """An empty run directory; what an interrupted run has left there goes."""
-    if folder is not None:
-        shutil.rmtree(folder, ignore_errors=True)
-        folder.mkdir(parents=True)
-        write_about(folder, {"fleet": fleet.spec.name, "run": folder.name, "source": fleet.source})
+def _emptied(folder: Path) -> Path:
+    """Make a directory, or remove what an interrupted run has left in it; return it."""
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
     return folder
 
 

@@ -16,7 +16,7 @@ from agentd.cli import main
 from agentd.daemon.operator_protocol import decode_answer
 from agentd.launcher.rundir import read_about, write_about
 from agentd.operator.fault_history import changes_of
-from agentd.operator.query import ask
+from agentd.operator.query import send_queries
 from agentd.operator.running_fleet import RunningFleet
 from dcf_zenoh import Run
 from dcf_zenoh.config import freeze, load
@@ -132,7 +132,7 @@ def flight(tmp_path_factory: pytest.TempPathFactory) -> Flight:
     folder = tmp_path_factory.mktemp("flight")
     flight = Flight(folder / "run", write_fleet(folder))
     with pytest.MonkeyPatch.context() as patch, Launch(flight.fleet, flight.folder) as launch:
-        patch.setattr("agentd.operator.change_faults.TIMEOUT", 10.0)
+        patch.setattr("agentd.operator.query.TIMEOUT", 10.0)
         pids = launch.flying()
 
         def operate(key: str, *words: str) -> None:
@@ -147,13 +147,13 @@ def flight(tmp_path_factory: pytest.TempPathFactory) -> Flight:
         operate("latency", "--from", "2", "latency", "mean=0.01", "reorder=false")
         operate("off", "--from", "3", "--to", "2", "duplication", "off")
         where = RunningFleet.read(flight.folder)
-        found = ask(where.address, {2: b"\x80\x04malformed"}, 10.0)
+        found = send_queries(where.address, {2: b"\x80\x04malformed"}, 10.0)
         flight.malformed = decode_answer(found[2], 2).error
         os.kill(pids[3], signal.SIGSTOP)
-        patch.setattr("agentd.operator.change_faults.TIMEOUT", 1.0)
+        patch.setattr("agentd.operator.query.TIMEOUT", 1.0)
         frozen = operated("fault", flight.folder, "--from", "2", "noise", "0.1")
         os.kill(pids[3], signal.SIGCONT)
-        patch.setattr("agentd.operator.change_faults.TIMEOUT", 10.0)
+        patch.setattr("agentd.operator.query.TIMEOUT", 10.0)
         flight.said["frozen"] = frozen
         operate("clear", "clear")
         operate("bursts", "--to", "1", "bursts", "mean_loss=0.5", "mean_length=2")
@@ -331,7 +331,7 @@ BAD = {
 def test_bad_words_are_refused_before_anything_is_sent(
     words: str, grounded: Path, agentd: Callable[..., Answer], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.delattr("agentd.operator.change_faults.ask")
+    monkeypatch.delattr("agentd.operator.change_faults.query_agents")
     code, out, err = agentd("fault", grounded, *words.split())
     assert (code, out) == (2, "")
     assert err.startswith(f"agentd: {BAD[words]}")
@@ -355,7 +355,7 @@ def test_loss_is_refused_where_rounds_have_no_time_out(tmp_path: Path, agentd: C
 def test_fleet_is_told_when_a_cut_will_end_it(
     tmp_path: Path, agentd: Callable[..., Answer], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("agentd.operator.change_faults.TIMEOUT", 0.1)
+    monkeypatch.setattr("agentd.operator.query.TIMEOUT", 0.1)
     run = ground(tmp_path, FLEET.replace('"continue"', '"land"'))
     assert agentd("fault", run, "partition", "[[1], [2, 3]]").err.startswith(
         "agentd: note: partition: the run ends when a link is cut for more than 0.6 s, by safety.neighbour_silent"
@@ -365,7 +365,7 @@ def test_fleet_is_told_when_a_cut_will_end_it(
 def test_agents_that_cannot_be_reached_are_all_named(
     grounded: Path, agentd: Callable[..., Answer], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("agentd.operator.change_faults.TIMEOUT", 0.3)
+    monkeypatch.setattr("agentd.operator.query.TIMEOUT", 0.3)
     for words in (["loss", "0.1"], ["clear"], ["show"], ["export"]):
         code, out, err = agentd("fault", grounded, *words)
         assert code == 1
@@ -399,7 +399,7 @@ def test_run_that_is_over_cannot_be_changed(flight: Flight) -> None:
 def test_run_is_found_by_the_name_of_its_fleet(
     tmp_path: Path, agentd: Callable[..., Answer], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("agentd.operator.change_faults.TIMEOUT", 0.1)
+    monkeypatch.setattr("agentd.operator.query.TIMEOUT", 0.1)
     monkeypatch.chdir(tmp_path)
     for age, name in enumerate(["runs/new", "runs/old", "runs/older"]):
         ground(tmp_path, FLEET, name)
