@@ -28,7 +28,7 @@ name = "whole"
 exchange = { max_rounds = 40, round_timeout = 0.003 }
 problem = { kind = "position_swap" }
 algorithm = { kind = "trades_robust" }
-controller = { kind = "receding_horizon", sharing = "ride" }
+controller = { kind = "receding_horizon", sharing = "piggyback" }
 plants = { point = { kind = "point_mass" } }
 
 [agents]

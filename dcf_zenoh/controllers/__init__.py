@@ -1,1 +1,1 @@
-"""Controllers: they join a problem and an algorithm once per control step."""
+"""Controllers join a problem and an algorithm once per control step."""

@@ -1,4 +1,4 @@
-"""Flooding of the measured states, so that every agent poses the same game."""
+"""Flooding of the measured states: they are forwarded hop by hop, so that every agent poses the same problem."""
 
 import math
 from collections.abc import Generator
@@ -16,10 +16,11 @@ def share_states(me: Me, own: Array) -> Generator[tuple[Payload, float], Inbox, 
 
     Args:
         me: This agent.
-        own: Its measured state, shape (n,); bodies in the plane and in space may share a fleet.
+        own: Measured state of this agent, shape (n,); n may differ between agents.
 
     Returns:
-        Agent -> state, as far as known, ascending by id; and whether there is time left to use it.
+        Agent -> state of the agents that were received, ascending by id; and whether the step has time left to use
+        them.
     """
     table = {me.id: own}
     for _ in range(me.neighbourhood.diameter):

@@ -1,4 +1,4 @@
-"""States of unlike bodies, in the plane and in space, as the rows of one array."""
+"""Stacking of states that differ in length (bodies in the plane and in space) as the rows of one array."""
 
 from collections.abc import Sequence
 
@@ -8,7 +8,7 @@ from dcf_zenoh.plant import Array
 
 
 def stacked(values: Sequence[Array]) -> Array:
-    """Arrays as the rows of one; if they differ in length, shorter ones end in NaN."""
+    """Return 1-D arrays as the rows of one array; shorter ones are padded with NaN at the end."""
     longest = max(map(len, values))
     if all(len(value) == longest for value in values):
         return np.array(values)
@@ -16,5 +16,5 @@ def stacked(values: Sequence[Array]) -> Array:
 
 
 def unstacked(row: Array) -> Array:
-    """A row as it was before it was stacked."""
+    """Return a row of `stacked` without its padding."""
     return row[: np.flatnonzero(~np.isnan(row))[-1] + 1] if np.isnan(row[-1]) else row

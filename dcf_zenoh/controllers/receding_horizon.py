@@ -1,4 +1,4 @@
-"""Model predictive control: share the measured states, solve the game they make, apply its first input."""
+"""Model predictive control: share the measured states, solve the problem of this step, apply its first input."""
 
 from collections.abc import Collection, Mapping
 from typing import Literal, Protocol, cast, runtime_checkable
@@ -8,85 +8,88 @@ import numpy as np
 from dcf_zenoh.algorithms.algorithm import Algorithm, Dialogue, Me, solve
 from dcf_zenoh.controllers.controller import Controller, Decision
 from dcf_zenoh.controllers.detour import Detour
-from dcf_zenoh.controllers.fleet_states import FleetStates, Signed, Signs
+from dcf_zenoh.controllers.fleet_states import FleetStates, HasSigns, Signs
 from dcf_zenoh.controllers.flooding import share_states
 from dcf_zenoh.plant import Array, Setpoint, State
 from dcf_zenoh.problems.shared.prediction import state_ahead
 
 
 class StepProblem(Protocol):
-    """What there is to solve in one control step."""
+    """Problem of one control step."""
 
     def setpoint(self, decision: Array, stage: int) -> Setpoint | None:
-        """What `decision` plans for the plant, `stage` steps ahead; None beyond its horizon."""
+        """Return the setpoint that `decision` plans for `stage` steps ahead; None beyond its horizon."""
 
 
 class RecedingHorizonProblem(Protocol):
-    """A problem that is posed anew at every step, from the states of all agents.
+    """Problem that is posed anew in every step, from the states of all agents.
 
-    If it has a method `signs` too, it is taken to be a `SignedProblem`; if it has an attribute `local` that is true, it
-    gets the own state alone, and no state is shared.
+    A problem that also has a method `signs` is used as a `SignedProblem`. A problem whose attribute `local` is true
+    gets the state of its own agent alone, and no states are shared.
     """
 
     def at(self, states: Mapping[int, Array]) -> StepProblem:
-        """The step's problem, given agent -> [position, velocity], shape (2d,)."""
+        """Return the problem of this step, given agent -> [position, velocity], shape (2 d,)."""
 
 
-class SignedProblem(Signed, Protocol):
-    """A problem in which pairs of agents must choose alike, and which knows what to do about agents that are lost.
+class SignedProblem(HasSigns, Protocol):
+    """Problem in which the agents of a pair must make the same choice, and which handles lost agents itself.
 
-    Any other problem is told the last position of a lost agent as its state, and rest as its velocity.
+    Any other problem gets the last position of a lost agent as its state, with zero velocity.
     """
 
     def at(self, states: Mapping[int, Array], *, signs: Signs, lost: Collection[int]) -> StepProblem:
-        """The step's problem.
+        """Return the problem of this step.
 
         Args:
-            states: Agent -> [position, velocity], shape (2d,).
-            signs: What the pairs have chosen; for a pair that is not there, what `states` ask for.
+            states: Agent -> [position, velocity], shape (2 d,).
+            signs: Pair -> choice; a pair that is not in it uses the choice that `states` imply.
             lost: Agents that take no part in solving it.
         """
 
 
 @runtime_checkable
 class ModelledProblem(Protocol):
-    """A problem that knows how its body moves. The body of any other is taken to hold its acceleration."""
+    """Problem with a model of its body's motion. Without one, a body is assumed to hold its acceleration."""
 
     def ahead(self, state: State, flown: Setpoint | None, delay: float) -> Array:
-        """Position and velocity after `delay` (s) with the setpoint that is being flown, if any; shape (2 d,)."""
+        """Return [position, velocity] after `delay` (s) under the setpoint in force, if any; shape (2 d,)."""
 
 
 @runtime_checkable
 class AimedProblem(Protocol):
-    """A problem with a target in the plane, which can be turned to another."""
+    """Problem with a target in the plane that can be replaced.
+
+    Attributes:
+        target: Target, shape (2,), in m.
+    """
 
     target: Array
 
     def toward(self, target: Array) -> RecedingHorizonProblem | SignedProblem:
-        """The same problem with another target, shape (2,), in m."""
+        """Return the same problem with another target, shape (2,), in m."""
 
 
 class RecedingHorizon(Controller):
-    """Receding-horizon control of one agent among others.
+    """Receding-horizon control of one agent of a fleet.
 
     Args:
-        problem: Poses the game of each step.
-        algorithm: Solves it, in rounds with the neighbours.
+        problem: Poses the problem of each step.
+        algorithm: Algorithm that solves it, in rounds with the neighbours.
         me: This agent.
         sample_time: t_s, in s.
-        sharing: How the agents learn of each other's states, where the problem is not local. "flood": in as many rounds
-            as the graph's diameter, in which nothing may be lost, or there is no setpoint. "ride": on every message of
-            every round; a state that did not come in time is predicted, at constant velocity, from the newest one that
-            did.
-        predict_delay: Time from the measurement until the setpoint acts, in s. The problem starts from the own
-            state predicted for then, under the setpoint that is being flown.
-        lost_after: With "ride", an agent whose newest state is older than this, in s, is kept clear of where it
-            was last and takes no part.
+        sharing: How the agents share their states, unless the problem is local. "flood": in as many rounds as the
+            graph's diameter; if a message of these is lost, there may be no setpoint. "piggyback": on every message of
+            every round; a state that is missing is predicted at constant velocity from the newest one received.
+        predict_delay: Time from the measurement until the setpoint acts, in s. The problem starts from the agent's
+            state predicted for that instant, under the setpoint in force.
+        lost_after: With "piggyback", an agent whose newest state is older than this, in s, takes no part; the others
+            keep clear of its last position.
         detour: An agent that is stuck turns its target aside for a while; see `Detour`. Its note ``detours`` counts
-            how often.
+            these.
 
     Raises:
-        ValueError: A time is negative, or there is no target to be turned.
+        ValueError: A time is negative, or `detour` is set and the problem has no target.
     """
 
     def __init__(
@@ -96,7 +99,7 @@ class RecedingHorizon(Controller):
         me: Me,
         sample_time: float,
         *,
-        sharing: Literal["flood", "ride"] = "flood",
+        sharing: Literal["flood", "piggyback"] = "flood",
         predict_delay: float = 0.0,
         lost_after: float = 0.6,
         detour: bool = False,
@@ -112,8 +115,8 @@ class RecedingHorizon(Controller):
         self._me = me
         self._predict_delay = self.acts_after = predict_delay
         self._local = bool(getattr(problem, "local", False))
-        self._others = (
-            FleetStates(me, problem, sample_time, lost_after) if sharing == "ride" and not self._local else None
+        self._fleet_states = (
+            FleetStates(me, problem, sample_time, lost_after) if sharing == "piggyback" and not self._local else None
         )
         self._posed: StepProblem | None = None
         self._decision: Array = np.empty(0)
@@ -121,7 +124,7 @@ class RecedingHorizon(Controller):
         self._flown: Setpoint | None = None
 
     def control(self, state: State, step: int) -> Dialogue[Decision]:
-        """Share states, then solve."""
+        """Share states, then solve the problem that they pose."""
         own = self._ahead(state)
         self._flown = None
         problem, begun = self._problem, 0
@@ -130,16 +133,16 @@ class RecedingHorizon(Controller):
             problem = problem.toward(self._detour.aim(own))
         if self._local:
             decision = yield from self._solve(problem, {self._me.id: own})
-        elif self._others is None:
+        elif self._fleet_states is None:
             decision = yield from self._flood(problem, own)
         else:
-            decision = yield from self._ride(problem, self._others, own, step)
+            decision = yield from self._piggyback(problem, self._fleet_states, own, step)
         if self._detour is None:
             return decision
         return decision._replace(notes={**decision.notes, "detours": self._detour.begun - begun})
 
     def next_of_plan(self) -> Setpoint | None:
-        """One stage further in the last plan."""
+        """Return the setpoint one stage further in the last plan; None beyond its end or if there is no plan."""
         self._stage += 1
         self._flown = None if self._posed is None else self._posed.setpoint(self._decision, self._stage)
         return self._flown
@@ -157,32 +160,35 @@ class RecedingHorizon(Controller):
         result = yield from solve(self._algorithm, posed, self._me)
         return self._plan(posed, result.decision, {})
 
-    def _ride(
-        self, problem: RecedingHorizonProblem | SignedProblem, others: FleetStates, own: Array, step: int
+    def _piggyback(
+        self, problem: RecedingHorizonProblem | SignedProblem, fleet_states: FleetStates, own: Array, step: int
     ) -> Dialogue[Decision]:
-        sight = yield from others.meet(own, step)
-        if sight is None:
-            return Decision(None, np.empty(0), {"unknown_agents": len(others.unknown)})
-        if isinstance(problem, Signed):
-            posed = problem.at(sight.states, signs=sight.signs, lost=sight.lost)
+        view = yield from fleet_states.share(own, step)
+        if view is None:
+            return Decision(None, np.empty(0), {"unknown_agents": len(fleet_states.unknown)})
+        if isinstance(problem, HasSigns):
+            posed = problem.at(view.states, signs=view.signs, lost=view.lost)
         else:
-            posed = problem.at(sight.states)
-        result = yield from others.carrier.carry(solve(self._algorithm, posed, self._me))
+            posed = problem.at(view.states)
+        result = yield from fleet_states.piggyback.wrap(solve(self._algorithm, posed, self._me))
         notes = {
-            "predicted": sight.predicted,
-            "lost_agents": len(sight.lost),
-            "sign_disagreements": others.disagreements(sight, step),
+            "predicted": view.predicted,
+            "lost_agents": len(view.lost),
+            "sign_disagreements": fleet_states.disagreements(view, step),
         }
         return self._plan(posed, result.decision, notes)
 
     def _plan(self, posed: StepProblem, decision: Array, notes: Mapping[str, float]) -> Decision:
-        """Keep the plan, and decide on its first stage."""
+        """Keep the plan and return its first stage."""
         self._posed, self._decision, self._stage = posed, decision, 0
         self._flown = posed.setpoint(decision, 0)
         return Decision(self._flown, decision, notes)
 
     def _ahead(self, state: State) -> Array:
-        """Where the body will be when the setpoint acts; without a setpoint being flown, at constant velocity."""
+        """Return [position, velocity] at the instant at which the setpoint acts.
+
+        Without a setpoint in force the body is assumed to keep its velocity.
+        """
         delay = self._predict_delay
         if not delay:
             return state.vector

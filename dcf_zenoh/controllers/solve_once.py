@@ -1,4 +1,4 @@
-"""The controller of a fleet without plants."""
+"""Controller of a fleet without plants."""
 
 from dcf_zenoh.algorithms.algorithm import Algorithm, Dialogue, Me, solve
 from dcf_zenoh.controllers.controller import Controller, Decision
@@ -6,11 +6,11 @@ from dcf_zenoh.plant import Setpoint, State
 
 
 class SolveOnce(Controller):
-    """Solves the agent's problem as it stands; nothing is measured and nothing moves.
+    """Solves the agent's problem once per step; nothing is measured and nothing moves.
 
     Args:
-        problem: Handed to the algorithm as it is.
-        algorithm: How it is solved.
+        problem: Problem, handed to the algorithm unchanged.
+        algorithm: Algorithm that solves it.
         me: This agent.
     """
 
@@ -25,4 +25,4 @@ class SolveOnce(Controller):
         return Decision(Setpoint(), result.decision)
 
     def next_of_plan(self) -> None:
-        """There is no plan."""
+        """Return None: there is no plan."""

@@ -42,7 +42,7 @@ def fly(
     controllers = {
         i: RecedingHorizon(
             PositionSwap(i, agents, SAMPLE_TIME, target=(-STARTS[i][0], -STARTS[i][1])),
-            trades_robust, fleet[i], SAMPLE_TIME, sharing="ride",
+            trades_robust, fleet[i], SAMPLE_TIME, sharing="piggyback",
         )
         for i in agents
     }  # fmt: skip

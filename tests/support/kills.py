@@ -44,7 +44,7 @@ neighbour_silent = { after = 0.2, then = "continue" }
 ready_timeout = 3.0
 [controller]
 kind = "receding_horizon"
-sharing = "ride"
+sharing = "piggyback"
 lost_after = 0.2
 [problem]
 kind = "position_swap"

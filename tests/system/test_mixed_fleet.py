@@ -42,7 +42,12 @@ def test_start_errors_of_ten_centimetres_are_borne() -> None:
 
 
 def test_states_in_the_plane_and_in_space_ride_on_lossy_messages_together() -> None:
-    changes = ["controller.sharing=ride", "exchange.round_timeout=0.003", "exchange.max_rounds=40", "faults.loss=0.2"]
+    changes = [
+        "controller.sharing=piggyback",
+        "exchange.round_timeout=0.003",
+        "exchange.max_rounds=40",
+        "faults.loss=0.2",
+    ]
     run = dcf_zenoh.simulate("position_swap_mixed", algorithm="trades_robust", topology="path", changes=changes)
     assert run.arrival_time is not None
     assert run.barriers.min() >= 0.05

@@ -59,7 +59,7 @@ def test_loss_leaves_no_bias_but_in_the_plain_method(name: str, tmp_path: Path) 
     reference = Reference.read(name)
     file = tmp_path / "fleet.toml"
     file.write_text(reference.fleet_file(rounds=1600, threshold=0.0))
-    changes = ["controller.kind='receding_horizon'", "controller.sharing='ride'", "exchange.round_timeout=1e-6"]
+    changes = ["controller.kind='receding_horizon'", "controller.sharing='piggyback'", "exchange.round_timeout=1e-6"]
     errors = {}
     for algorithm, rounds in (("trades_robust", 1600), ("trades", 300)):
         now = [*changes, "faults.loss=0.5", f"exchange.max_rounds={rounds}"]

@@ -68,7 +68,7 @@ kind = "./talk.py:talk"
 
 [controller]
 kind = "receding_horizon"
-sharing = "ride"
+sharing = "piggyback"
 
 [plants.point_mass]
 

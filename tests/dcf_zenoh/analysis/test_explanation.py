@@ -17,7 +17,11 @@ from tests.support.lossy_fleets import lossy
 def dense(tmp_path_factory: pytest.TempPathFactory) -> Run:
     """Plain trades, 20 % loss: the safety region is violated."""
     folder = tmp_path_factory.mktemp("dense")
-    changes = ["controller.kind=receding_horizon", "controller.sharing=ride", "safety.neighbour_silent.then=continue"]
+    changes = [
+        "controller.kind=receding_horizon",
+        "controller.sharing=piggyback",
+        "safety.neighbour_silent.then=continue",
+    ]
     return dcf_zenoh.simulate(
         lossy(folder, "[faults]\nloss = 0.2\n", "complete"),
         changes=["time.duration=10.0", *changes],

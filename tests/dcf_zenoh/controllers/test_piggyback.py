@@ -3,7 +3,7 @@ import pytest
 
 from dcf_zenoh.algorithms.algorithm import Dialogue, Inbox, PerNeighbour
 from dcf_zenoh.controllers.padding import unstacked
-from dcf_zenoh.controllers.piggyback import ALONE, Piggyback, PiggybackTable
+from dcf_zenoh.controllers.piggyback import TABLES_ONLY, Piggyback, PiggybackTable
 from dcf_zenoh.errors import AlgorithmError
 from dcf_zenoh.message import canonical
 
@@ -40,7 +40,7 @@ def test_a_table_survives_the_journey_and_an_empty_one_adds_nothing() -> None:
     np.testing.assert_array_equal(there.payload["riding.t.index"], [[1, 6], [2, 7]])
 
 
-def test_values_of_unlike_length_ride_together() -> None:
+def test_values_of_different_length_share_a_table() -> None:
     here, there = PiggybackTable("t"), PiggybackTable("t")
     here.put((1,), 0, np.array([1.0, 2.0]))
     here.put((2,), 0, np.array([1.0, 2.0, 3.0]))
@@ -63,8 +63,8 @@ def listen(said: object, heard: list[Inbox]) -> Dialogue[str]:
 def test_the_dialogue_notices_nothing(edges: bool) -> None:
     mine, heard = table((1, 3, 0.1)), list[Inbox]()
     said = PerNeighbour({2: {"x": 2.0}, 3: {"x": 3.0}}) if edges else {"x": 1.0}
-    carried = Piggyback(mine).carry(listen(said, heard))
-    payload, residual = next(carried)
+    wrapped = Piggyback(mine).wrap(listen(said, heard))
+    payload, residual = next(wrapped)
     sent = payload.payloads if isinstance(payload, PerNeighbour) else {2: payload, 3: payload}
     for each in sent.values():
         assert values(mine) == {1: (3, 0.1)}
@@ -74,7 +74,7 @@ def test_the_dialogue_notices_nothing(edges: bool) -> None:
     own = sent if edges else sent[2]
     others = {2: {"x": 8.0, **table((2, 3, 0.2)).payload}, 3: {"x": 9.0, **table((3, 2, 0.3)).payload}}
     full = Inbox(own, others, stop=False, ages={3: 4}, news=[2], missing=(4,))  # type: ignore[arg-type]
-    carried.send(full)
+    wrapped.send(full)
     inbox = heard[0]
     assert inbox.own == ({2: {"x": 2.0}, 3: {"x": 3.0}} if edges else {"x": 1.0})
     assert dict(inbox) == {2: {"x": 8.0}, 3: {"x": 9.0}}
@@ -83,27 +83,27 @@ def test_the_dialogue_notices_nothing(edges: bool) -> None:
     assert values(mine) == {1: (3, 0.1), 2: (3, 0.2)}  # what is held was heard when it was new
 
     with pytest.raises(StopIteration) as finished:
-        carried.send(Inbox(own, {}, stop=True, missing=(2, 3, 4)))  # type: ignore[arg-type]
+        wrapped.send(Inbox(own, {}, stop=True, missing=(2, 3, 4)))  # type: ignore[arg-type]
     assert finished.value.value == "result"
     assert heard[1].stop
 
 
 def test_neighbours_that_have_sent_nothing_but_tables_are_missing_to_the_dialogue() -> None:
     mine, heard = table((1, 3, 0.1)), list[Inbox]()
-    carried = Piggyback(mine).carry(listen({"x": 1.0}, heard))
-    payload, _ = next(carried)
-    alone = {ALONE: 1, **table((2, 3, 0.2)).payload}
-    carried.send(Inbox(payload, {2: alone}, stop=False, missing=(4,)))  # type: ignore[arg-type]
+    wrapped = Piggyback(mine).wrap(listen({"x": 1.0}, heard))
+    payload, _ = next(wrapped)
+    alone = {TABLES_ONLY: 1, **table((2, 3, 0.2)).payload}
+    wrapped.send(Inbox(payload, {2: alone}, stop=False, missing=(4,)))  # type: ignore[arg-type]
     assert (dict(heard[0]), heard[0].missing) == ({}, (2, 4))
     assert values(mine)[2] == (3, 0.2)
 
 
 def test_a_name_that_is_taken_is_refused() -> None:
     with pytest.raises(AlgorithmError, match=r"payload names that begin with 'riding\.' are taken"):
-        next(Piggyback().carry(listen({"riding.x": 1.0}, [])))
+        next(Piggyback().wrap(listen({"riding.x": 1.0}, [])))
 
 
 @pytest.mark.parametrize("said", [None, 3.0, [1, 2]])
 def test_what_breaks_the_contract_is_left_to_the_exchange(said: object) -> None:
-    payload, _ = next(Piggyback(table((1, 1, 1.0))).carry(listen(said, [])))
+    payload, _ = next(Piggyback(table((1, 1, 1.0))).wrap(listen(said, [])))
     assert payload is said

@@ -66,7 +66,7 @@ def test_flooding_that_does_not_reach_all_gives_no_setpoint() -> None:
     assert decision.notes == {"unknown_agents": 1}
 
 
-@pytest.mark.parametrize("sharing", ["flood", "ride"])
+@pytest.mark.parametrize("sharing", ["flood", "piggyback"])
 def test_the_problem_starts_from_where_the_body_will_be(sharing: Any) -> None:
     fleet, problems = fleet_of(PAIR), {1: Plain(), 2: Plain()}
     controllers = {
@@ -86,7 +86,7 @@ def test_the_problem_starts_from_where_the_body_will_be(sharing: Any) -> None:
 
 def test_a_problem_that_knows_nothing_of_lost_agents_is_told_where_they_were() -> None:
     fleet, problems = fleet_of(PAIR), {1: Plain(), 2: Plain()}
-    controllers = {i: RecedingHorizon(problems[i], planned, fleet[i], 0.2, sharing="ride") for i in (1, 2)}
+    controllers = {i: RecedingHorizon(problems[i], planned, fleet[i], 0.2, sharing="piggyback") for i in (1, 2)}
     state = State(np.array([1.0, 2.0]), np.array([0.5, 0.0]))
     for step, lost in ((0, 0), (3, 0), (4, 1)):
         links = (lambda *_: 0) if step == 0 else (lambda *_: None)
@@ -100,7 +100,7 @@ def test_a_problem_that_knows_nothing_of_lost_agents_is_told_where_they_were() -
 
 def test_who_has_never_heard_of_the_others_does_nothing() -> None:
     fleet = fleet_of(PAIR)
-    controllers = {i: RecedingHorizon(Plain(), planned, fleet[i], 0.2, sharing="ride") for i in (1, 2)}
+    controllers = {i: RecedingHorizon(Plain(), planned, fleet[i], 0.2, sharing="piggyback") for i in (1, 2)}
     state = State(np.zeros(2), np.zeros(2))
     dialogues = {i: each.control(state, 0) for i, each in controllers.items()}
     for decision in converse(dialogues, fleet, 10, links=lambda *_: None).values():
