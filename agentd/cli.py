@@ -6,7 +6,9 @@ import sys
 import traceback
 from collections.abc import Sequence
 from contextlib import redirect_stdout
+from typing import Any
 
+import dcf_zenoh
 from agentd import commands, exit_codes
 from agentd.options import add_emulator, add_flights, add_interventions, add_runs, fleet_options, result_options
 from dcf_zenoh.errors import AlgorithmError, DcfError, FaultError, PlantError
@@ -56,10 +58,19 @@ def _complain(error: DcfError) -> None:
         print(f"agentd: {line}", file=sys.stderr)
 
 
+class _PrintVersion(argparse.Action):
+    """Prints the version and exits. Unlike argparse's own action it looks the version up only when asked for it."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> None:
+        print(f"dcf-zenoh {dcf_zenoh.__version__}")
+        parser.exit()
+
+
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="agentd", description=DESCRIPTION, epilog=EPILOG, formatter_class=argparse.RawDescriptionHelpFormatter
     )
+    parser.add_argument("--version", action=_PrintVersion, nargs=0, help="show program's version number and exit")
     subparsers = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
 
     def command(

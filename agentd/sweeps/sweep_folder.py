@@ -3,11 +3,11 @@
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
-from importlib.metadata import version
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
+import dcf_zenoh
 from agentd.launcher.rundir import new_folder
 from agentd.sweeps.variants import Variant
 from dcf_zenoh.config import LoadedFleet, freeze
@@ -100,7 +100,7 @@ def plan_of(variants: Sequence[Variant], fleets: Sequence[LoadedFleet], **more: 
     """What makes a sweep what it is: the variants, what a run of each depends on, and whatever else is given."""
     return {
         "name": fleets[0].spec.name,
-        "version": version("dcf-zenoh"),
+        "version": dcf_zenoh.__version__,
         "vary": [variant.name for variant in variants],
         **more,
         "fleets": [_fingerprint(fleet) for fleet in fleets],
