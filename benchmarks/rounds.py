@@ -110,7 +110,7 @@ def bare(agent: int, ports: list[int], seconds: float) -> None:
 
 def stack(agent: int, ports: list[int], seconds: float) -> None:
     """Rounds by what a daemon is made of."""
-    from agentd.daemon.runner import run_wall, spare_collector  # noqa: PLC0415
+    from agentd.daemon.runner import WallRunner, spare_collector  # noqa: PLC0415
     from dcf_zenoh.algorithms.algorithm import Dialogue  # noqa: PLC0415
     from dcf_zenoh.assembly import AgentParts  # noqa: PLC0415
     from dcf_zenoh.graph import Graph, Neighbourhood, metropolis  # noqa: PLC0415
@@ -124,6 +124,7 @@ def stack(agent: int, ports: list[int], seconds: float) -> None:
     from dcf_zenoh.rounds.exchange import Exchange  # noqa: PLC0415
     from dcf_zenoh.rounds.receiver import Receiver  # noqa: PLC0415
     from dcf_zenoh.rounds.sender import Sender  # noqa: PLC0415
+    from dcf_zenoh.runner import drive  # noqa: PLC0415
     from dcf_zenoh.spec import Rounds  # noqa: PLC0415
 
     agents = range(len(ports))
@@ -163,7 +164,7 @@ def stack(agent: int, ports: list[int], seconds: float) -> None:
     with Network(agent, hood, address) as network:
         network.meet("bench", TIMEOUT / 2)
         spare_collector()
-        run_wall(parts, network, {})
+        drive(parts.loop, WallRunner(parts, network, {}))
         report(found[0])
 
 

@@ -1,6 +1,6 @@
-"""What an agent's loop asks of its runner. The loop itself does no I/O and reads no clock.
+"""Requests that an agent's loop makes of its runner. The loop itself does no I/O and reads no clock.
 
-A runner resumes the loop with the fleet time, an integer number of ns since the start.
+A runner (`dcf_zenoh.runner`) resumes the loop with the fleet time, an integer number of ns since the start.
 """
 
 from collections.abc import Generator
@@ -13,17 +13,17 @@ NEVER = 2**62
 
 
 class Publish(NamedTuple):
-    """Hand `message` to the out-neighbour `receiver`, or to all of them."""
+    """Send `message` to the out-neighbour `receiver`, or to all out-neighbours."""
 
     message: Message
     receiver: int | None = None
 
 
 class Wait(NamedTuple):
-    """Go on at `until`, or as soon as each of `senders` has been heard up to `round` of `step`.
+    """Continue at `until`, or once the messages of all `senders` up to `round` of `step` have been received.
 
-    On the wall clock whichever comes first ends the wait. In virtual time knowledge comes first: with `senders` the
-    runner waits for their messages and no model time passes; without, time moves to `until`.
+    On the wall clock whichever comes first ends the wait. In virtual time, with `senders` the runner waits for their
+    messages and no model time passes; without, time moves to `until`.
     """
 
     until: int
@@ -33,10 +33,10 @@ class Wait(NamedTuple):
 
 
 class Activate(NamedTuple):
-    """Go on at `until`, knowing all that `senders` sent before.
+    """Continue at `until` with all messages that `senders` sent before.
 
-    On the wall clock that is what is there. In virtual time the runner waits until each of them has promised to send
-    nothing more before `until` (conservative simulation; Chandy and Misra 1979, Bryant 1977).
+    On the wall clock these are the messages received so far. In virtual time the runner waits until each sender has
+    promised to send nothing more before `until` (conservative simulation; Chandy and Misra 1979, Bryant 1977).
     """
 
     until: int
@@ -44,20 +44,20 @@ class Activate(NamedTuple):
 
 
 class Start(NamedTuple):
-    """The fleet starts now: its time 0 is this instant, in ns UTC. Virtual time has no use for it."""
+    """Set fleet time 0 to `instant`, ns UTC. Virtual time ignores the instant."""
 
     instant: int
 
 
 class Report(NamedTuple):
-    """Tell whoever watches which phase of the flight begins, and what the inspection has found."""
+    """Report the phase of the flight that begins now, and the results of the inspection."""
 
     phase: str
     checks: tuple[Check, ...] = ()
 
 
 class Agree(NamedTuple):
-    """Go on when a person agrees to the take-off, or at `until`; then the loop is resumed with -1."""
+    """Continue when a person agrees to the take-off, or at `until`; then the loop is resumed with -1."""
 
     until: int
 

@@ -1,12 +1,11 @@
 """A whole fleet in one process and one thread, in virtual time."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import ExitStack
 from io import BytesIO
 from pathlib import Path
 from typing import BinaryIO
 
-import numpy as np
 from threadpoolctl import threadpool_limits
 
 from dcf_zenoh.assembly import AgentParts, Blueprint
@@ -16,7 +15,8 @@ from dcf_zenoh.graph import Graph
 from dcf_zenoh.records.agent_log import AgentLog
 from dcf_zenoh.records.run import Run
 from dcf_zenoh.records.writer import open_log
-from dcf_zenoh.requests import Activate, Publish, Start, Wait
+from dcf_zenoh.requests import Activate, Agree, Publish, Report, Start, Wait
+from dcf_zenoh.runner import Runner, quiet_arithmetic
 
 Choice = Callable[[int], int]
 
@@ -32,24 +32,24 @@ def simulate(
     out: str | Path | None = None,
     choose: Choice | None = None,
 ) -> Run:
-    """Run a whole fleet in this process, in virtual time, whatever clock its file names.
+    """Run a whole fleet in this process, in virtual time, regardless of the clock that its file names.
 
     Args:
-        fleet: A fleet file, the name of a built-in fleet, or one that is loaded already.
-        seed: Instead of the file's.
-        plant: Name or kind of the plant of every agent, instead of the file's.
-        algorithm: Name or kind of the algorithm, instead of the file's.
-        topology: Kind of the topology, instead of the file's.
+        fleet: Fleet file, name of a built-in fleet, or loaded fleet.
+        seed: Seed, in place of the file's.
+        plant: Name or kind of the plant of every agent, in place of the file's.
+        algorithm: Name or kind of the algorithm, in place of the file's.
+        topology: Kind of the topology, in place of the file's.
         changes: Further changes, each like ``"exchange.max_rounds=40"``.
         out: Directory to record into; None keeps the run in memory.
-        choose: Which of the agents that can go on does; see `run_agents`.
+        choose: Choice of the next agent among those that can continue; see `run_agents`.
 
     Returns:
         The run, as arrays.
 
     Raises:
         ConfigurationError: The fleet file, or a change, is not usable.
-        DcfError: Whatever stopped an agent.
+        DcfError: The error that stopped an agent.
     """
     if not isinstance(fleet, LoadedFleet):
         fleet = load(
@@ -76,99 +76,144 @@ def simulate(
     return Run(name, fleet.spec, logs, home=fleet.folder)
 
 
-class _Actor:
-    """One agent as the simulator sees it."""
+class _SimulatedAgent(Runner):
+    """One agent of the simulation: the runner of its loop, which stops where a message is missing.
 
-    __slots__ = ("blocked_by", "loop", "mailbox", "now", "parts", "reply", "wait")
+    Args:
+        parts: The agent.
+        ready: Agents that can continue; shared by all.
 
-    def __init__(self, parts: AgentParts) -> None:
-        self.parts = parts
+    Attributes:
+        listeners: Its out-neighbours.
+        now: Fleet time of this agent, ns.
+        blocked_by: Neighbours whose messages it waits for; empty when it can continue.
+    """
+
+    def __init__(self, parts: AgentParts, ready: "list[_SimulatedAgent]") -> None:
+        super().__init__()
+        self.id = parts.id
         self.mailbox = parts.mailbox
-        self.loop = parts.loop
+        self.listeners: list[_SimulatedAgent] = []
         self.now = 0
-        self.reply: int | None = None
-        self.wait: Wait | Activate | None = None  # what it waits for; None when it can go on
         self.blocked_by: set[int] = set()
+        self._loop = parts.loop
+        self._ready = ready
+        self._reply: int | None = None
+        self._blocked_in: Wait | Activate | None = None
 
-    def heard(self, sender: int, ready: list["_Actor"]) -> None:
-        """Go on if `sender` was the last one it waited for."""
-        if self.wait is None or sender not in self.blocked_by or self.lacking(self.wait, (sender,)):
+    def advance(self) -> bool:
+        """Resume the loop until it has to wait for others; return whether it is still running."""
+        try:
+            while not self.blocked_by:
+                self._reply = self.answer(self._loop.send(self._reply))  # type: ignore[arg-type]
+        except StopIteration:
+            return False
+        return True
+
+    def publish(self, request: Publish) -> int:
+        """Put a message into the mailboxes of its receivers."""
+        message, receiver = request
+        for listener in self.listeners:
+            if receiver is None or listener.id == receiver:
+                listener.mailbox.put(message, message.sent)
+                if message.sender in listener.blocked_by:
+                    listener.unblock(message.sender)
+        return self.now
+
+    def wait(self, request: Wait) -> int:
+        """Let time pass, or block until the messages of all senders are there."""
+        if request.senders:
+            self._block(request, request.senders)
+        else:
+            self.now = max(self.now, request.until)
+        return self.now
+
+    def activate(self, request: Activate) -> int:
+        """Let time pass, and block until all senders have promised to send nothing before that instant."""
+        self.now = max(self.now, request.until)
+        self._block(request, request.senders)
+        return self.now
+
+    def start(self, request: Start) -> int:  # noqa: ARG002
+        """Set fleet time to 0."""
+        self.now = 0
+        return 0
+
+    def report(self, request: Report) -> int:  # noqa: ARG002
+        """Ignore a phase of the flight: the log has it."""
+        return self.now
+
+    def agree(self, request: Agree) -> int:  # noqa: ARG002
+        """Continue at once: simulated bodies need no consent."""
+        return self.now
+
+    def unblock(self, sender: int) -> None:
+        """Become ready if `sender` was the last neighbour that this agent waits for."""
+        assert self._blocked_in is not None
+        if self._missing(self._blocked_in, (sender,)):
             return
         self.blocked_by.discard(sender)
         if not self.blocked_by:
-            self.wait = None
-            ready.append(self)
+            self._ready.append(self)
 
-    def lacking(self, wait: Wait | Activate, senders: tuple[int, ...]) -> tuple[int, ...]:
-        """Those of `senders` from whom more has to be known before `wait` ends."""
-        if isinstance(wait, Activate):
-            return self.mailbox.unpromised(senders, wait.until)
-        return self.mailbox.lacks(senders, wait.step, wait.round)
+    @property
+    def blocked(self) -> str:
+        """Description of what the agent waits for; empty if it does not."""
+        request = self._blocked_in
+        if request is None or not self.blocked_by:
+            return ""
+        place = (
+            f"at {request.until} ns"
+            if isinstance(request, Activate)
+            else f"in step {request.step} round {request.round}"
+        )
+        return f"agent {self.id} waits for {sorted(self.blocked_by)} {place}"
+
+    def _block(self, request: Wait | Activate, senders: tuple[int, ...]) -> None:
+        self._blocked_in = request
+        self.blocked_by.update(self._missing(request, senders))
+
+    def _missing(self, request: Wait | Activate, senders: tuple[int, ...]) -> tuple[int, ...]:
+        """Return those of `senders` whose messages must still come before `request` is answered."""
+        if isinstance(request, Activate):
+            return self.mailbox.unpromised(senders, request.until)
+        return self.mailbox.lacks(senders, request.step, request.round)
 
 
 def run_agents(parts: Sequence[AgentParts], graph: Graph, choose: Choice | None = None) -> None:
-    """Step agents until all have returned.
+    """Run agents until all have ended.
 
-    There is no event queue: time is the agents' own, and whichever agent can go on may go next. The result does
-    not depend on that choice.
+    There is no event queue: every agent has its own time, and any agent that can continue may be next. The result
+    does not depend on that choice.
 
     Args:
         parts: The agents.
-        graph: Who hears whom.
-        choose: Number of agents that can go on -> index of the one that does; None: the one that waited longest.
+        graph: Their links.
+        choose: Number of agents that can continue -> index of the next one; None: the one that has waited longest.
 
     Raises:
-        DcfError: Whatever stops an agent; or no agent can go on.
+        DcfError: The error that stopped an agent; or no agent can continue.
     """
-    actors = {part.id: _Actor(part) for part in parts}
-    listeners = {i: [actors[j] for j in graph.out_neighbours(i)] for i in graph.agents}
-    ready = list(actors.values())
+    ready: list[_SimulatedAgent] = []
+    agents = {part.id: _SimulatedAgent(part, ready) for part in parts}
+    for i, agent in agents.items():
+        agent.listeners = [agents[j] for j in graph.out_neighbours(i)]
+    ready.extend(agents.values())
     running = len(ready)
     effect: NeighbourLost | None = None
-    with np.errstate(over="ignore", invalid="ignore"):  # what is no number is refused in words, see `Talk`
+    with quiet_arithmetic():
         while running:
             if not ready:
-                waiting = "; ".join(_plight(actor) for actor in actors.values() if actor.wait)
-                raise effect or DcfError(f"the simulation is stuck: {waiting}")
-            actor = ready.pop(choose(len(ready)) if choose else 0)
+                raise effect or DcfError(f"the simulation is stuck: {_blocked(agents.values())}")
+            agent = ready.pop(choose(len(ready)) if choose else 0)
             try:
-                running -= not _advance(actor, listeners[actor.parts.id], ready)
-            except NeighbourLost as error:  # another one cannot go on; it is about to say why
+                running -= not agent.advance()
+            except NeighbourLost as error:  # the agent that is the cause raises its own error later
                 effect = effect or error
                 running -= 1
     if effect:
         raise effect
 
 
-def _advance(actor: _Actor, listeners: list[_Actor], ready: list[_Actor]) -> bool:
-    """Resume `actor` until it waits for others; whether it is still running."""
-    while True:
-        try:
-            request = actor.loop.send(actor.reply)  # type: ignore[arg-type]
-        except StopIteration:
-            return False
-        if isinstance(request, Publish):
-            message = request.message
-            for listener in listeners:
-                if request.receiver is not None and listener.parts.id != request.receiver:
-                    continue
-                listener.mailbox.put(message, message.sent)
-                listener.heard(message.sender, ready)
-        elif isinstance(request, Start):
-            actor.now = 0
-        elif isinstance(request, (Wait, Activate)):
-            if isinstance(request, Activate) or not request.senders:
-                actor.now = max(actor.now, request.until)
-            actor.blocked_by = set(actor.lacking(request, request.senders))
-            if actor.blocked_by:
-                actor.wait = request
-                actor.reply = actor.now
-                return True
-        actor.reply = actor.now
-
-
-def _plight(actor: _Actor) -> str:
-    wait = actor.wait
-    assert wait is not None
-    place = f"at {wait.until} ns" if isinstance(wait, Activate) else f"in step {wait.step} round {wait.round}"
-    return f"agent {actor.parts.id} waits for {sorted(actor.blocked_by)} {place}"
+def _blocked(agents: Iterable[_SimulatedAgent]) -> str:
+    return "; ".join(agent.blocked for agent in agents if agent.blocked_by)

@@ -12,7 +12,7 @@ PACKAGES = ("agentd", "dcf_zenoh", *FAMILIES)
 LAYERS = (
     "errors",
     "plant spec graph clock message diagnostics",
-    "requests messaging layouts",
+    "requests runner messaging layouts",
     "problems faults",
     "algorithms",
     "controllers rounds testing",
@@ -25,7 +25,7 @@ LAYERS = (
     "assembly records.run simulation analysis",
 )
 FOR_FAMILIES = {"dcf_zenoh.spec", "dcf_zenoh.plant", "dcf_zenoh.graph", "dcf_zenoh.errors"}
-WITHOUT_IO = ("algorithms", "problems", "controllers", "faults", "requests", "rounds", "loop")
+WITHOUT_IO = ("algorithms", "problems", "controllers", "faults", "requests", "runner", "rounds", "loop")
 IO = ("zenoh", "threading", "socket", "logging", "matplotlib", "time")
 COMPOSITION = ("messaging.network", "config", "configuration", "plugins")
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, TextIO
 
 from agentd.daemon.operator_protocol import HALT, Control, changes_in
-from agentd.daemon.runner import await_goodbyes, run_virtual, run_wall, spare_collector
+from agentd.daemon.runner import VirtualRunner, WallRunner, await_goodbyes, spare_collector
 from agentd.daemon.stop_requests import EmergencyStop, listening
 from dcf_zenoh.assembly import AgentParts, Blueprint, LastLife
 from dcf_zenoh.config import LoadedFleet, to_toml
@@ -24,6 +24,7 @@ from dcf_zenoh.plant import State, read_only
 from dcf_zenoh.records.agent_log import AgentLog
 from dcf_zenoh.records.writer import StepRecord, log_name, open_log
 from dcf_zenoh.requests import Report
+from dcf_zenoh.runner import Runner, drive
 from dcf_zenoh.spec import FleetSpec
 
 log = logging.getLogger(__name__)
@@ -208,10 +209,13 @@ def _run(
         if phase.phase == "start":
             spare_collector()
 
+    zenoh = fleet.spec.zenoh
+    runner: Runner
     if fleet.spec.time.clock == "wall":
-        ending = run_wall(parts, network, offsets, control.obey, report)
+        runner = WallRunner(parts, network, offsets, control.obey, report)
     else:
-        ending = run_virtual(parts, network, fleet.spec.zenoh.receive_timeout, fleet.spec.zenoh.ready_timeout, report)
+        runner = VirtualRunner(parts, network, zenoh.receive_timeout, zenoh.ready_timeout, report)
+    ending = drive(parts.loop, runner)
     if ending.cause is None:
         await_goodbyes(parts, network, GOODBYE_TIMEOUT)
     return ending
