@@ -31,14 +31,18 @@ def _kind(group: str, name: str) -> list[str]:
     except PluginError as error:
         return [f"cannot be used: {'; '.join(error.problems)}"]
     summary, *_ = (plugin.__doc__ or "").strip().splitlines() or ["(undocumented)"]
-    return [summary, *map(_key, keys)]
+    return [summary, *(line for key in keys for line in _key(key))]
 
 
-def _key(key: Parameter) -> str:
-    """``accel_max: number = 2.0``."""
+def _key(key: Parameter, path: str = "") -> Iterator[str]:
+    """Yield ``accel_max: number = 2.0``, and of a sub-table a line for each of its keys, ``weights.input: number``."""
+    name = f"{path}{key.name}"
     if key.default is REQUIRED:
-        return f"{key.name}: {type_name(key.type)}, required"
-    if key.default is None:
-        return f"{key.name}: {type_name(key.type)}, optional"
-    default = list(key.default) if isinstance(key.default, tuple) else key.default
-    return f"{key.name}: {type_name(key.type)} = {show(default)}"
+        yield f"{name}: {type_name(key.type)}, required"
+    elif key.default is None:
+        yield f"{name}: {type_name(key.type)}, optional"
+    elif key.table is None:
+        default = list(key.default) if isinstance(key.default, tuple) else key.default
+        yield f"{name}: {type_name(key.type)} = {show(default)}"
+    for each in key.table.parameters if key.table else ():
+        yield from _key(each, f"{name}.")

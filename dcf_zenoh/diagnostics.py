@@ -1,6 +1,7 @@
 """How configuration errors are worded: what was expected, what came, what is allowed, what is spelled alike."""
 
 from collections.abc import Callable, Iterable
+from dataclasses import is_dataclass
 from difflib import get_close_matches
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
@@ -65,6 +66,11 @@ def reason(error: BaseException) -> str:
     return str(error) if type(error) in (ValueError, TypeError) else f"{type(error).__name__}: {error}"
 
 
+def is_union(annotation: Any) -> bool:
+    """Return whether `annotation` is a choice of types, such as ``float | None``."""
+    return get_origin(annotation) in (Union, UnionType)
+
+
 def expected(annotation: Any, metadata: Iterable[object] = ()) -> str:
     """What a value of type `annotation` looks like in a fleet file, with its bounds: ``a number > 0``."""
     return _alternatives(annotation, metadata, lambda each: _article(_singular(each)))
@@ -79,7 +85,7 @@ def _alternatives(annotation: Any, metadata: Iterable[object], noun: Callable[[A
     origin, arguments = get_origin(annotation), get_args(annotation)
     if origin is Annotated:
         return _alternatives(arguments[0], (*arguments[1:], *metadata), noun)
-    if origin in (Union, UnionType):
+    if is_union(annotation):
         choices = (_alternatives(each, (), noun) for each in arguments if each is not NoneType)
         return " or ".join(dict.fromkeys(choices))
     if origin is Literal:
@@ -104,7 +110,7 @@ def _singular(annotation: Any) -> str:
         return _NAMES[annotation]
     if origin is np.ndarray:
         return "array of numbers"
-    if origin is dict or hasattr(annotation, "model_fields"):
+    if origin is dict or hasattr(annotation, "model_fields") or is_dataclass(annotation):
         return "table"
     if origin in (list, tuple):
         items = [each for each in arguments if each is not Ellipsis]

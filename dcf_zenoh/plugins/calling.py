@@ -50,7 +50,7 @@ def bind(plugin: Plugin, options: Mapping[str, Any], where: str) -> Plugin:
 
 
 def check_options(plugin: Plugin, options: Mapping[str, Any], where: str) -> tuple[dict[str, Any], list[str]]:
-    """The values that `plugin` gets for `options`, and one line for each key that does not fit or is missing."""
+    """Return the values that `plugin` gets for `options`, and one line for each key that does not fit or is missing."""
     schema = accepted(plugin)
     values, problems = schema.convert(options)
     problems |= schema.missing(options)

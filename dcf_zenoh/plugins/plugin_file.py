@@ -6,13 +6,16 @@ import importlib.abc
 import importlib.util
 import sys
 import traceback
+from collections.abc import Mapping
 from pathlib import Path
 from types import ModuleType
-from typing import Any, cast
+from typing import Any, TypeAlias, cast
 
 from dcf_zenoh.diagnostics import listed, nearest, reason
 from dcf_zenoh.errors import PluginError
 from dcf_zenoh.plugins.schema import REQUIRED, Parameter, Schema
+
+_Definitions: TypeAlias = Mapping[str, ast.ClassDef | ast.FunctionDef]
 
 
 def split(kind: str) -> tuple[str, str] | None:
@@ -53,10 +56,11 @@ def import_file(path: Path, kind: str) -> ModuleType:
 
 
 def peek(kind: str, folder: Path) -> Schema | None:
-    """The keys of a plug-in in a file, read from its text: nothing of it runs.
+    """Return the keys of a plug-in in a file, read from its text: nothing of it runs.
 
-    Types are not resolved. None if they cannot be told without running: a class without a constructor of its own,
-    or a name that is imported or assigned.
+    Types are not resolved. The keys of a sub-table are known if its dataclass is defined in the same file and has no
+    base class. None if the keys of the plug-in cannot be read from the text: of a class without a constructor of its
+    own, or a name that is imported or assigned.
 
     Raises:
         PluginError: The file is not there or is not Python, or nothing of that name is defined in it.
@@ -80,7 +84,32 @@ def peek(kind: str, folder: Path) -> Schema | None:
         node = constructors[0]
     arguments = cast(ast.FunctionDef, node).args
     pairs = zip(arguments.kwonlyargs, arguments.kw_defaults, strict=True)
-    return Schema(name, tuple(Parameter(arg.arg, Any, default or REQUIRED) for arg, default in pairs))
+    return Schema(name, tuple(_parameter(arg.arg, arg.annotation, default, defined) for arg, default in pairs))
+
+
+def _parameter(name: str, annotation: ast.expr | None, default: ast.expr | None, defined: _Definitions) -> Parameter:
+    """Return a key without its type, and the keys of its sub-table if the annotation names a dataclass of the file."""
+    node = defined.get(_text(annotation))
+    if (
+        not isinstance(node, ast.ClassDef)
+        or node.bases
+        or not any("dataclass" in _text(d) for d in node.decorator_list)
+    ):
+        return Parameter(name, Any, default or REQUIRED)
+    keys = [
+        _parameter(each.target.id, each.annotation, each.value or default, defined)
+        for each in node.body
+        if isinstance(each, ast.AnnAssign)
+        and isinstance(each.target, ast.Name)
+        and "ClassVar" not in _text(each.annotation)
+        and "init=False" not in _text(each.value)
+    ]
+    return Parameter(name, Any, default or REQUIRED, Schema(name, tuple(keys)))
+
+
+def _text(node: ast.expr | None) -> str:
+    """Return an annotation or a decorator as text, without the quotes of one that is a string."""
+    return ast.unparse(node).strip("'") if node else ""
 
 
 def _bound(tree: ast.Module) -> set[str]:

@@ -1,20 +1,21 @@
-"""The keys that a plug-in accepts: the keyword-only parameters of its signature, with type and default."""
+"""The keys that a plug-in accepts: the keyword-only parameters of its signature, with type and default.
 
+A parameter whose type is a frozen dataclass is a sub-table: the fields of the dataclass are its keys.
+"""
+
+import dataclasses
 import inspect
-import json
-import math
 import typing
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from types import SimpleNamespace, UnionType
-from typing import Annotated, Any, Union, get_args, get_origin
+from types import NoneType, SimpleNamespace
+from typing import Annotated, Any, get_args, get_origin
 
 import numpy as np
-from pydantic import PlainValidator, PydanticSchemaGenerationError, TypeAdapter, ValidationError
 
-from dcf_zenoh.diagnostics import expected, show, unknown_key
+from dcf_zenoh.diagnostics import expected, is_union, listed, reason, show, unknown_key
 from dcf_zenoh.errors import PluginError
-from dcf_zenoh.plant import Array, read_only
+from dcf_zenoh.plugins.values import convert
 
 REQUIRED: Any = inspect.Parameter.empty
 
@@ -27,82 +28,89 @@ class Parameter:
         name: The key.
         type: What its values are checked against.
         default: `REQUIRED` if there is none.
+        table: Keys of the sub-table that is the value of this key; None: the value is no sub-table.
     """
 
     name: str
     type: Any
     default: Any
-
-    def convert(self, value: Any) -> Any:
-        """The value that the plug-in gets for `value` of a fleet file.
-
-        TOML has no tuples and no arrays: lists become what the type says. Nothing else is converted, but whole
-        numbers are numbers.
-
-        Raises:
-            ValueError: It is not of that type; the message says what was expected.
-        """
-        try:
-            adapter: TypeAdapter[Any] = TypeAdapter(_checkable(self.type))
-            _refuse_infinite(value)
-        except PydanticSchemaGenerationError:  # a type of the plug-in's own: for its constructor to judge
-            return value
-        try:  # strict JSON is what TOML is: lists for tuples, and neither strings nor booleans for numbers
-            return adapter.validate_json(json.dumps(value, default=str), strict=True)
-        except ValidationError as error:
-            own = [each["msg"].partition(", ")[2] for each in error.errors() if each["type"] == "value_error"]
-            text = f"expected {expected(self.type)}, not {show(value)}"
-            raise ValueError("; ".join([text, *own])) from None
+    table: "Schema | None" = None
 
 
 @dataclass(frozen=True)
 class Schema:
-    """All keys of a plug-in.
+    """All keys of a plug-in, or of one of its sub-tables.
+
+    A key of a sub-table is named by its path, such as ``weights.input``.
 
     Attributes:
-        plugin: Its name in messages.
-        parameters: In the order of its signature.
+        owner: Name of the plug-in or of the sub-table, for messages.
+        parameters: In the order of the signature.
         shared: Keys that must have the same value at every agent.
+        make: Makes the value of a sub-table from the values of its keys; None for a plug-in.
     """
 
-    plugin: str
+    owner: str
     parameters: tuple[Parameter, ...]
     shared: tuple[str, ...] = ()
+    make: Callable[..., Any] | None = None
 
     @property
     def first(self) -> str:
         """The key that a bare value in place of a table is for; ``value`` if there are no keys."""
         return self.parameters[0].name if self.parameters else "value"
 
+    @property
+    def defaults(self) -> dict[str, Any]:
+        """Key -> default, of the keys that have one."""
+        return {each.name: each.default for each in self.parameters if each.default is not REQUIRED}
+
     def convert(self, options: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, str]]:
-        """The values the plug-in gets, and key -> what is wrong with it."""
+        """Return the values that the plug-in gets, and key -> what is wrong with it.
+
+        A sub-table becomes an object of its dataclass, with the default of each key that is not given. One that lacks
+        a required key is left out of the values; `missing` reports it.
+        """
         known = {parameter.name: parameter for parameter in self.parameters}
-        values, problems = {}, {}
+        values: dict[str, Any] = {}
+        problems: dict[str, str] = {}
         for key, value in options.items():
             if key not in known:
-                problems[key] = unknown_key(self.plugin, key, known)
+                problems[key] = unknown_key(self.owner, key, known)
                 continue
             try:
-                values[key] = known[key].convert(value)
+                if (table := known[key].table) is None:
+                    values[key] = convert(value, known[key].type)
+                elif not isinstance(value, Mapping):
+                    raise ValueError(f"expected a table, not {show(value)}")
+                else:
+                    inner, found = table.convert(value)
+                    problems |= {f"{key}.{name}": text for name, text in found.items()}
+                    if table.make is not None and not found and not table.missing(value):
+                        values[key] = table.make(**(table.defaults | inner))
             except ValueError as error:
                 problems[key] = str(error)
         return values, problems
 
     def complete(self, options: Mapping[str, Any]) -> dict[str, Any]:
-        """The values the plug-in gets for `options`, and the defaults of all others that have one."""
-        defaults = {p.name: p.default for p in self.parameters if p.default is not REQUIRED}
-        return defaults | self.convert(options)[0]
+        """Return the values that the plug-in gets for `options`, and the defaults of all other keys that have one."""
+        return self.defaults | self.convert(options)[0]
 
-    def missing(self, given: Iterable[str]) -> dict[str, str]:
-        """Key -> what is missing, of those that have no default and are not `given`."""
-        lacking = {p.name: p for p in self.parameters if p.default is REQUIRED}
-        for key in given:
-            lacking.pop(key, None)
-        return {key: f"missing; {self.plugin} needs {expected(p.type)}" for key, p in lacking.items()}
+    def missing(self, options: Mapping[str, Any]) -> dict[str, str]:
+        """Return key -> text for each key that has no default and is not in `options`."""
+        found: dict[str, str] = {}
+        for each in self.parameters:
+            given = options.get(each.name)
+            if each.table is not None and isinstance(given, Mapping):
+                found |= {f"{each.name}.{key}": text for key, text in each.table.missing(given).items()}
+            elif each.default is REQUIRED and each.name not in options:
+                keys = f" with the keys {listed(p.name for p in each.table.parameters)}" if each.table else ""
+                found[each.name] = f"missing; {self.owner} needs {expected(each.type)}{keys}"
+        return found
 
 
 def accepted(plugin: Callable[..., Any]) -> Schema:
-    """The keys of `plugin`, from its signature.
+    """Return the keys of `plugin`, from its signature.
 
     A parameter without annotation takes values of the type of its default. The plug-in may name keys that must not
     differ from agent to agent in an attribute ``SHARED``.
@@ -114,12 +122,12 @@ def accepted(plugin: Callable[..., Any]) -> Schema:
 
 
 def name_of(plugin: Callable[..., Any]) -> str:
-    """What the plug-in is called in messages."""
+    """Return the name of `plugin` in messages."""
     return str(getattr(plugin, "__name__", plugin))
 
 
 def signature_of(plugin: Callable[..., Any]) -> inspect.Signature:
-    """The signature of a function, or of a class's constructor."""
+    """Return the signature of a function, or of a class's constructor."""
     try:
         return inspect.signature(plugin)
     except (TypeError, ValueError) as error:
@@ -129,6 +137,7 @@ def signature_of(plugin: Callable[..., Any]) -> inspect.Signature:
 def _parameters(plugin: Callable[..., Any]) -> Iterable[Parameter]:
     function = inspect.unwrap(plugin.__init__ if isinstance(plugin, type) else plugin)  # type: ignore[misc]
     names = getattr(function, "__globals__", {})
+    owner = name_of(plugin)
     for parameter in signature_of(plugin).parameters.values():
         if parameter.kind is not parameter.KEYWORD_ONLY:
             continue
@@ -141,39 +150,66 @@ def _parameters(plugin: Callable[..., Any]) -> Iterable[Parameter]:
                 kind = typing.get_type_hints(one, names, include_extras=True)["it"]
             except Exception as error:
                 raise PluginError(
-                    f"{name_of(plugin)}: type {parameter.annotation!r} of {parameter.name} cannot be resolved: {error}"
+                    f"{owner}: type {parameter.annotation!r} of {parameter.name} cannot be resolved: {error}"
                 ) from error
-        yield Parameter(parameter.name, kind, parameter.default)
+        yield _parameter(owner, parameter.name, kind, parameter.default)
+
+
+def _parameter(owner: str, name: str, kind: Any, default: Any) -> Parameter:
+    nested = _dataclass_of(kind)
+    if nested is None:
+        return Parameter(name, kind, default)
+    if not _is_frozen(nested):
+        raise PluginError(
+            f"{owner}: the dataclass {nested.__name__} of {name} must be frozen: agents share its default"
+        )
+    parameters = tuple(_fields(nested, default if isinstance(default, nested) else None, f"{owner}.{name}"))
+    return Parameter(name, kind, default, Schema(name, parameters, make=_maker(nested)))
+
+
+def _fields(nested: Any, default: Any, owner: str) -> Iterable[Parameter]:
+    """Yield the keys of a sub-table; their defaults are the values of `default`, if it is not None."""
+    try:
+        types = typing.get_type_hints(nested, include_extras=True)
+    except Exception as error:
+        raise PluginError(f"{owner}: the types of {nested.__name__} cannot be resolved: {error}") from error
+    for each in dataclasses.fields(nested):
+        if not each.init:
+            continue
+        if default is not None:
+            value = getattr(default, each.name)
+        elif each.default_factory is not dataclasses.MISSING:
+            value = each.default_factory()
+        else:
+            value = REQUIRED if each.default is dataclasses.MISSING else each.default
+        yield _parameter(owner, each.name, types[each.name], value)
+
+
+def _is_frozen(kind: Any) -> bool:
+    return bool(getattr(getattr(kind, "__dataclass_params__", None), "frozen", False))
+
+
+def _maker(nested: Callable[..., Any]) -> Callable[..., Any]:
+    def make(**values: Any) -> Any:
+        try:
+            return nested(**values)
+        except Exception as error:
+            raise ValueError(reason(error)) from error
+
+    return make
+
+
+def _dataclass_of(kind: Any) -> Any:
+    """Return the dataclass that `kind` is, or is next to None; None if it is another type."""
+    if get_origin(kind) is Annotated:
+        return _dataclass_of(get_args(kind)[0])
+    if is_union(kind):
+        choices = [each for each in get_args(kind) if each is not NoneType]
+        return _dataclass_of(choices[0]) if len(choices) == 1 else None
+    return kind if isinstance(kind, type) and dataclasses.is_dataclass(kind) else None
 
 
 def _type_of(default: Any) -> Any:
     kind = type(default)
-    return kind if kind in (bool, int, float, str, list, tuple, dict, np.ndarray) else Any
-
-
-def _checkable(annotation: Any) -> Any:
-    """The same type with arrays in a form that pydantic can check."""
-    if (get_origin(annotation) or annotation) is np.ndarray:
-        return _ARRAY
-    if get_origin(annotation) in (Union, UnionType):
-        return Union[tuple(map(_checkable, get_args(annotation)))]  # noqa: UP007
-    return annotation
-
-
-def _array(value: Any) -> Array:
-    numbers = np.array(value, dtype=object).ravel()
-    if not isinstance(value, list) or not all(type(each) in (int, float) for each in numbers):
-        raise ValueError("its items must be numbers, its rows of equal length")
-    return read_only(value)
-
-
-_ARRAY = Annotated[Any, PlainValidator(_array)]
-
-
-def _refuse_infinite(value: Any) -> None:
-    """TOML can write nan and inf; no key means them."""
-    if isinstance(value, float) and not math.isfinite(value):
-        raise ValueError(f"expected a finite number, not {value}")
-    if isinstance(value, list):
-        for each in value:
-            _refuse_infinite(each)
+    plain = kind in (bool, int, float, str, list, tuple, dict, np.ndarray)
+    return kind if plain or _is_frozen(kind) else Any

@@ -19,7 +19,17 @@ from dcf_zenoh.spec.fleet import (
     default_controller,
 )
 from dcf_zenoh.spec.safety import Arena, LateRule, LimitRule, Reaction, Safety, SeparationRule, SilenceRule
-from dcf_zenoh.spec.table import AgentId, Kind, Name, NonNegativeFloat, PositiveFloat, Table, Vector, nanoseconds
+from dcf_zenoh.spec.table import (
+    AgentId,
+    Kind,
+    Name,
+    NonNegativeFloat,
+    PositiveFloat,
+    Table,
+    Vector,
+    merged,
+    nanoseconds,
+)
 
 __all__ = [
     "Activation",
@@ -54,5 +64,6 @@ __all__ = [
     "Topology",
     "Vector",
     "default_controller",
+    "merged",
     "nanoseconds",
 ]

@@ -1,5 +1,6 @@
 """What the tables of a fleet file have in common."""
 
+from collections.abc import Mapping
 from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field
@@ -14,6 +15,15 @@ Vector = tuple[float, ...]
 def nanoseconds(seconds: float) -> int:
     """The nearest whole number of ns."""
     return round(seconds * 1e9)
+
+
+def merged(table: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    """Return `table` with `changes`; where both have a table under one key, those are merged in the same way."""
+    result = dict(table)
+    for key, value in changes.items():
+        old = result.get(key)
+        result[key] = merged(old, value) if isinstance(old, Mapping) and isinstance(value, Mapping) else value
+    return result
 
 
 class Table(BaseModel):
@@ -34,6 +44,6 @@ class Kind(Table):
         """All keys but those of the framework."""
         return dict(self.model_extra or {})
 
-    def with_options(self, changes: dict[str, Any]) -> "Kind":
-        """The same table with some options replaced."""
-        return self.model_copy(update=changes)
+    def with_options(self, changes: Mapping[str, Any]) -> "Kind":
+        """Return the same table with some options replaced, sub-tables key by key."""
+        return self.model_copy(update=merged(self.options, changes))

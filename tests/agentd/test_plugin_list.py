@@ -12,6 +12,7 @@ ENTRY_POINTS = """
 [dcf_zenoh.plants]
 airship = my_lab:Airship
 broken = my_lab_broken:Broken
+kite = my_lab:Kite
 nameless = my_lab
 odd = my_lab:Odd
 quitter = my_lab_quitter:Quitter
@@ -19,6 +20,7 @@ silent = my_lab:silent
 """
 
 MY_LAB = '''
+from dataclasses import dataclass
 from typing import Annotated
 from pydantic import Field
 
@@ -30,6 +32,18 @@ class Airship:
     def __init__(self, start, *, mass: Annotated[float, Field(gt=0)], drag: float | None = None, size=(1.0, 2.0),
                  quiet=False, names: list[str] = ["a"], label="x"):
         raise AssertionError("nothing is constructed")
+
+@dataclass(frozen=True)
+class Inner:
+    gain: float
+@dataclass(frozen=True)
+class Weights:
+    state: tuple[float, float] = (1.0, 0.1)
+    inner: Inner = Inner(2.0)
+
+class Kite:
+    """Tied to the ground."""
+    def __init__(self, *, weights: Weights = Weights(), limits: Inner, wind: Inner | None = None, mass=1.0): ...
 
 class Odd:
     def __init__(self, start, *, size: "Missing" = 3): ...
@@ -111,6 +125,16 @@ def test_kinds_of_others_are_listed_and_those_that_fail_say_why(capsys: pytest.C
         "    label: string = 'x'\n"
         f"  {'broken':<{width}}   cannot be used: broken: importing my_lab_broken failed:"
         " ModuleNotFoundError: No module named 'no_such_driver'\n"
+    ) in text
+    assert (
+        f"  {'kite':<{width}}   Tied to the ground.\n"
+        "    weights.state: list of 2 numbers = [1.0, 0.1]\n"
+        "    weights.inner.gain: number = 2.0\n"
+        "    limits: table, required\n"
+        "    limits.gain: number, required\n"
+        "    wind: table, optional\n"
+        "    wind.gain: number, required\n"
+        "    mass: number = 1.0\n"
     ) in text
     assert f"  {'nameless':<{width}}   cannot be used: nameless: " in text
     assert f"  {'odd':<{width}}   cannot be used: Odd: type 'Missing' of size cannot be resolved: " in text

@@ -17,7 +17,7 @@ from dcf_zenoh.diagnostics import Diagnostics, listed, nearest
 from dcf_zenoh.errors import PluginError, TopologyError
 from dcf_zenoh.graph import Graph
 from dcf_zenoh.plugins import Schema, is_built_in
-from dcf_zenoh.spec import FleetSpec, Kind
+from dcf_zenoh.spec import FleetSpec, Kind, merged
 
 
 def check(
@@ -164,16 +164,27 @@ def _check_overridden(
             shelf.problems.add(key(agent, "kind"), f"expected other keys of [{where}]; the kind is given there alone")
     if schema is None:
         return
-    shelf.compare(schema, base.options, lambda option: f"{where}.{option}")
+    usual = schema.convert(base.options)[1]
+    shelf.add_all(usual, lambda option: f"{where}.{option}")
     for agent, options in overrides.items():
-        shelf.compare(schema, options, lambda option, agent=agent: key(agent, option))  # type: ignore[misc]
-        for option in (each for each in options if each in schema.shared):
+        for option, text in schema.convert(merged(base.options, options))[1].items():
+            given = _get(options, option)
+            if given is not None and not (isinstance(given, Mapping) and usual.get(option) == text):
+                shelf.problems.add(key(agent, option), text)
+        for option in (each for each in schema.shared if _get(options, each) is not None):
             shelf.problems.add(key(agent, option), f"must be the same at every agent; set it in [{where}]")
-    missing = {agent: schema.missing((*base.options, *overrides.get(agent, {}))) for agent in users}
+    missing = {agent: schema.missing(merged(base.options, overrides.get(agent, {}))) for agent in users}
     for agent, texts in missing.items():
         for option, text in texts.items():
             everywhere = all(option in each for each in missing.values())
             shelf.problems.add(f"{where}.{option}" if everywhere else key(agent, option), text)
+
+
+def _get(options: Mapping[str, Any], key: str) -> Any:
+    """Return the value of a key, which may be the path of a key in a sub-table; None if it is not given."""
+    head, _, rest = key.partition(".")
+    inner = options.get(head)
+    return options[key] if key in options else _get(inner, rest) if rest and isinstance(inner, Mapping) else None
 
 
 def _check_graph(spec: FleetSpec, folder: Path, problems: Diagnostics) -> Graph | None:

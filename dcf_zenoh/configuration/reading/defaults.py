@@ -1,10 +1,11 @@
 """The defaults of plug-ins, written out as if they stood in the fleet file."""
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from dcf_zenoh.configuration.building.fault_links import options_of
-from dcf_zenoh.plugins import Schema, accepted, is_built_in, load
+from dcf_zenoh.plugins import REQUIRED, Schema, accepted, is_built_in, load
 from dcf_zenoh.spec import FaultRule, Faults, FaultTable, FleetSpec, Kind
 
 
@@ -25,13 +26,13 @@ def with_defaults(spec: FleetSpec, folder: Path, *, run_plugins: bool) -> FleetS
     def fill(group: str, kind: Kind) -> Kind:
         if not (run_plugins or is_built_in(group, kind.kind)):
             return kind
-        return kind.with_options({**_defaults(accepted(load(group, kind.kind, folder))), **kind.options})
+        return kind.with_options(_completed(accepted(load(group, kind.kind, folder)), kind.options))
 
     def fill_fault(fault: FaultTable) -> FaultTable:
         if not (run_plugins or is_built_in("faults", fault.kind)):
             return fault
         schema = accepted(load("faults", fault.kind, folder))
-        options = {**_defaults(schema), **options_of(fault, schema)}
+        options = _completed(schema, options_of(fault, schema))
         return FaultTable(
             kind=fault.kind, **{each.name: options[each.name] for each in schema.parameters if each.name in options}
         )
@@ -53,11 +54,16 @@ def with_defaults(spec: FleetSpec, folder: Path, *, run_plugins: bool) -> FleetS
     )
 
 
-def _defaults(schema: Schema) -> dict[str, Any]:
-    """Key -> default, of those that a fleet file can hold and that the plug-in would accept from one."""
+def _completed(schema: Schema, options: Mapping[str, Any]) -> dict[str, Any]:
+    """Return `options` with the defaults that a fleet file can hold and that the plug-in accepts from one."""
     said = {each.name: _plain(each.default) for each in schema.parameters if _in_toml(each.default)}
-    _, refused = schema.convert(said)
-    return {name: value for name, value in said.items() if name not in refused}
+    refused = schema.convert(said)[1]
+    completed = {**{name: value for name, value in said.items() if name not in refused}, **options}
+    for each in schema.parameters:
+        given = options.get(each.name, {} if each.default is not REQUIRED and each.default is not None else None)
+        if each.table is not None and isinstance(given, Mapping):
+            completed[each.name] = _completed(each.table, given)
+    return completed
 
 
 def _in_toml(value: object) -> bool:

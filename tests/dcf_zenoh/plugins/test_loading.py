@@ -18,7 +18,7 @@ def refusal(group: str, kind: str, folder: Path) -> str:
 def test_every_installed_kind_loads_and_fits_its_group(group: str, kind: str) -> None:
     plugin = load(group, kind, Path())
     assert check_signature(group, plugin) == []
-    assert accepted(plugin).plugin == plugin.__name__
+    assert accepted(plugin).owner == plugin.__name__
 
 
 def test_kind_of_a_module_is_its_attribute() -> None:

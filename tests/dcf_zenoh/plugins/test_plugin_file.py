@@ -57,7 +57,7 @@ def test_peeking_finds_the_keys_without_running_the_file(tmp_path: Path) -> None
     schema = peek("./boom.py:Boom", tmp_path)
     assert schema is not None
     assert [parameter.name for parameter in schema.parameters] == ["size", "drag"]
-    assert schema.missing([]).keys() == {"size"}
+    assert schema.missing({}).keys() == {"size"}
 
 
 def test_peeking_cannot_tell_the_keys_of_what_is_made_elsewhere(folder: Path) -> None:
