@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TypeAlias
 
-from agentd.launcher.rundir import check_unused, default_endpoints, new_run_folder, read_about
+from agentd.endpoints import default_endpoints
 from agentd.run_and_report import (
     judge,
     launch_and_tell,
@@ -17,6 +17,7 @@ from agentd.run_and_report import (
     read_run,
     simulate_and_tell,
 )
+from agentd.run_directory import check_unused, new_run_folder, read_run_json
 from dcf_zenoh.config import load, to_toml
 from dcf_zenoh.errors import ConfigurationError, RecordingError
 from dcf_zenoh.plugins import GROUPS
@@ -56,7 +57,7 @@ def run(options: Namespace) -> int:
             f"--id {options.id}: there is no such agent; agents are {list(fleet.spec.ids)}", fleet.source
         )
     folder: Path = options.out or Path("runs") / fleet.spec.name
-    about = read_about(folder)
+    about = read_run_json(folder)
     endpoints = {int(i): str(endpoint) for i, endpoint in about.get("endpoints", {}).items()}
     if options.rejoin and "ended" in about:
         raise RecordingError(f"{folder}: --rejoin: this run ended at {about['ended']}")

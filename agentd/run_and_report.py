@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import IO, TYPE_CHECKING
 
-from agentd.launcher.rundir import write_about
+from agentd.run_directory import write_run_json
 from dcf_zenoh.config import LoadedFleet, load
 from dcf_zenoh.errors import DcfError, Landed, RecordingError
 from dcf_zenoh.records.run import Run
@@ -67,7 +67,7 @@ def simulate_into(folder: Path, fleet: LoadedFleet) -> Run:
     """Simulate a fleet; return its run, which is in `folder`, an empty directory."""
     from dcf_zenoh.simulation import simulate  # noqa: PLC0415
 
-    write_about(folder, {"fleet": fleet.spec.name, "run": folder.resolve().name, "source": fleet.source})
+    write_run_json(folder, {"fleet": fleet.spec.name, "run": folder.resolve().name, "source": fleet.source})
     return simulate(fleet, out=folder)
 
 

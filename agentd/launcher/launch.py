@@ -13,11 +13,12 @@ from types import FrameType
 from typing import Any, TypeAlias
 
 from agentd.daemon.stop_requests import in_foreground
+from agentd.endpoints import free_endpoints
 from agentd.exit_codes import NEIGHBOUR_LOST, STOPPED
 from agentd.launcher.daemon_process import DaemonProcess, spawn
 from agentd.launcher.key_presses import listen
-from agentd.launcher.rundir import free_endpoints, write_about
 from agentd.launcher.terminal import Terminal
+from agentd.run_directory import write_run_json
 from dcf_zenoh.config import LoadedFleet, freeze
 from dcf_zenoh.configuration.building.problem_and_plant import plant_classes
 from dcf_zenoh.errors import ConfigurationError, DcfError, Interrupted
@@ -90,7 +91,7 @@ def launch(fleet: LoadedFleet, folder: Path, show: Show, say: Say, *, yes: bool 
         "launched": datetime.now(UTC).isoformat(),
         "endpoints": free_endpoints(fleet.spec),
     }
-    write_about(folder, about)
+    write_run_json(folder, about)
     reaction = patience = REACTION + landing
     if fleet.spec.time.clock == "wall" and fleet.spec.safety.neighbour_silent.then in ("hold", "continue"):
         patience = fleet.spec.time.duration + landing + LINGER
@@ -108,7 +109,7 @@ def launch(fleet: LoadedFleet, folder: Path, show: Show, say: Say, *, yes: bool 
             about["ended"] = datetime.now(UTC).isoformat()
             about["exit_codes"] = {i: daemon.code for i, daemon in daemons.items()}
             about["problems"] = [*problems.causes, *problems.effects]
-            write_about(folder, about)
+            write_run_json(folder, about)
     if interrupted is not None:
         raise Interrupted(f"stopped by {interrupted.name}", interrupted)
     if found := problems.causes or problems.effects:

@@ -1,4 +1,4 @@
-"""``agentd fault``: change the faults of a fleet that runs, show them, and export what was changed."""
+"""``agentd fault``: change the faults of a running fleet, show them, and export the changes."""
 
 import sys
 from collections.abc import Iterable, Sequence
@@ -6,7 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from agentd.daemon.operator_protocol import Answer, Change, Clear, Done, Show, changes_in, encode
-from agentd.operator.fault_history import FaultPeriod, inline, overview, plain, rules, stretches, to_toml
+from agentd.fault_rules import inline_toml, rules_to_toml, short_table
+from agentd.operator.fault_history import FaultPeriod, fault_periods, fault_rules, overview
 from agentd.operator.query import print_complaints, query_agents
 from agentd.operator.running_fleet import RunningFleet, find_run
 from dcf_zenoh.config import graph_of
@@ -16,47 +17,45 @@ from dcf_zenoh.diagnostics import listed
 from dcf_zenoh.errors import ConfigurationError, MessageError
 from dcf_zenoh.spec import FaultRule, nanoseconds
 
-LOOKS = ("show", "export")
+READ_ONLY = ("show", "export")
 
 
 def fault(name: str, senders: str | None, receivers: str | None, words: Sequence[str]) -> int:
-    """Do what the command line says; the exit code.
+    """Execute the command; return its exit code, 1 if an agent does not answer or refuses.
 
     Args:
-        name: Of a run directory, or of a fleet.
-        senders: Ids with commas; None: all.
-        receivers: The same.
+        name: Run directory, or name of a fleet.
+        senders: Ids of senders, with commas; None for all.
+        receivers: Ids of receivers, with commas; None for all.
         words: ``clear``, ``show``, ``export``, or a fault and its values.
 
     Raises:
-        ConfigurationError: The words are not usable, or not on this run.
+        ConfigurationError: The words are not valid, or not for this run.
         RecordingError: There is no such run.
         NetworkError: Zenoh cannot be opened.
     """
     what, *rest = words
-    if rest and what in ("clear", *LOOKS):
+    if rest and what in ("clear", *READ_ONLY):
         raise ConfigurationError(f"{what}: expected nothing more, not {' '.join(rest)!r}")
     folder = find_run(name)
     if folder != Path(name):
-        _say(f"note: the run is {folder}")
+        _print_note(f"the run is {folder}")
     run = RunningFleet.read(folder)
     ends = _ids("--from", senders), _ids("--to", receivers)
-    if what in LOOKS:
-        return _look(run, check_ends(run.fleet, *ends), what)
+    if what in READ_ONLY:
+        return _show_or_export(run, check_ends(run.fleet, *ends), what)
     _check_changeable(run)
     if what == "clear":
         rule, text = check_ends(run.fleet, *ends), "as in the fleet file again"
-        requests = {j: encode(Clear(senders=found)) for j, found in _links_by_receiver(run, rule).items()}
+        requests = {j: encode(Clear(senders=ids)) for j, ids in _senders_by_receiver(run, rule).items()}
     else:
-        rule, notes = check_change(run.fleet, *ends, what, _value(rest))
+        rule, notes = check_change(run.fleet, *ends, what, _fault_value(rest))
         for note in notes:
-            _say(f"note: {note}")
+            _print_note(note)
         switch = rule.faults[what]
-        text = f"{what} = {inline(plain(what, switch))}" if switch else f"{what} off"
-        requests = {
-            j: encode(Change(senders=found, name=what, fault=switch))
-            for j, found in _links_by_receiver(run, rule).items()
-        }
+        text = f"{what} = {inline_toml(short_table(what, switch))}" if switch else f"{what} off"
+        covered = _senders_by_receiver(run, rule)
+        requests = {j: encode(Change(senders=ids, name=what, fault=switch)) for j, ids in covered.items()}
     answers, complaints = query_agents(run.address, requests)
     for j, answer in answers.items():
         print(f"{listed(answer.senders)} -> {j}: {text}, from {answer.time * 1e-9:.3f} s on")
@@ -67,38 +66,40 @@ def fault(name: str, senders: str | None, receivers: str | None, words: Sequence
     return print_complaints(complaints)
 
 
-def _look(run: RunningFleet, rule: FaultRule, what: str) -> int:
-    """Show or export what was changed."""
-    wanted = _links_by_receiver(run, rule)
+def _show_or_export(run: RunningFleet, rule: FaultRule, what: str) -> int:
+    """Print the faults and changes of the links that `rule` covers; return the exit code."""
+    wanted = _senders_by_receiver(run, rule)
     times, changes, complaints = _history(run, wanted)
-    found = [
+    periods = [
         each._replace(senders=senders)
         for j, done in changes.items()
-        for each in stretches(j, done)
+        for each in fault_periods(j, done)
         if (senders := tuple(i for i in each.senders if i in wanted[j]))
     ]
     if what == "show":
         links = sorted((i, j) for j in times for i in wanted[j])
         print(f"{run.folder}{', which is over' if run.over else ''}, at {max(times.values(), default=0) * 1e-9:.3f} s")
-        print(overview(run.fleet.spec, links, found, times))
-    elif found or not complaints:  # who does not tell may have been changed
-        _export(run, found)
+        print(overview(run.fleet.spec, links, periods, times))
+    elif periods or not complaints:  # without an agent's history "nothing was changed" may be wrong
+        _export(run, periods)
     return print_complaints(complaints)
 
 
-def _export(run: RunningFleet, found: Iterable[FaultPeriod]) -> None:
-    """Print what was changed as rules; what was not ended lasts as long as the run may."""
+def _export(run: RunningFleet, periods: Iterable[FaultPeriod]) -> None:
+    """Print the changes as rules for the end of the fleet file."""
     spec = run.fleet.spec
-    tables = rules(found, spec.steps * spec.time.sample_time)
-    print(to_toml(tables) if tables else "# nothing was changed", end="" if tables else "\n")
-    for line in check_rules(run.fleet, tables) if tables else ():
-        _say(f"note: with these rules at the end of the fleet file: {line}")
+    rules = fault_rules(periods, spec.steps * spec.time.sample_time)
+    print(rules_to_toml(rules) if rules else "# nothing was changed", end="" if rules else "\n")
+    for line in check_rules(run.fleet, rules) if rules else ():
+        _print_note(f"with these rules at the end of the fleet file: {line}")
 
 
 def _history(run: RunningFleet, agents: Iterable[int]) -> tuple[dict[int, int], dict[int, tuple[Done, ...]], list[str]]:
-    """Agent -> its time in ns, agent -> what was changed on the links to it, and who does not tell.
+    """Collect the changes of faults from the agents, and from the logs of those that do not answer.
 
-    What an agent does not tell, its log may.
+    Returns:
+        Agent -> its fleet time in ns, agent -> changes on the links to it, and complaints about agents of which neither
+        an answer nor a whole log could be read.
     """
     answers: dict[int, Answer] = {}
     complaints: list[str] = []
@@ -125,10 +126,10 @@ def _history(run: RunningFleet, agents: Iterable[int]) -> tuple[dict[int, int], 
 
 
 def _check_changeable(run: RunningFleet) -> None:
-    """Refuse to change what cannot change.
+    """Raise an error if the faults of the run cannot be changed.
 
     Raises:
-        ConfigurationError: With the reason.
+        ConfigurationError: The run is in virtual time, or over.
     """
     if run.fleet.spec.time.clock == "virtual":
         raise ConfigurationError(
@@ -140,11 +141,11 @@ def _check_changeable(run: RunningFleet) -> None:
         raise ConfigurationError("this run is over; its log can still be looked at: show, export", str(run.folder))
 
 
-def _links_by_receiver(run: RunningFleet, rule: FaultRule) -> dict[int, tuple[int, ...]]:
-    """Receiver -> senders, of the links that a rule is for."""
+def _senders_by_receiver(run: RunningFleet, rule: FaultRule) -> dict[int, tuple[int, ...]]:
+    """Return receiver -> senders of the links that a rule covers."""
     graph = graph_of(run.fleet)
-    found = {j: tuple(i for i in graph.in_neighbours(j) if rule.covers(i, j)) for j in graph.agents}
-    return {j: senders for j, senders in found.items() if senders}
+    covered = {j: tuple(i for i in graph.in_neighbours(j) if rule.covers(i, j)) for j in graph.agents}
+    return {j: senders for j, senders in covered.items() if senders}
 
 
 def _ids(option: str, text: str | None) -> tuple[int, ...] | None:
@@ -156,8 +157,8 @@ def _ids(option: str, text: str | None) -> tuple[int, ...] | None:
     return tuple(map(int, words))
 
 
-def _value(words: Sequence[str]) -> Any:
-    """What the words after the name of a fault say: a value, keys with values, or ``off``."""
+def _fault_value(words: Sequence[str]) -> Any:
+    """Parse the words after the name of a fault: a value, keys with values, or ``off`` (False)."""
     if list(words) == ["off"]:
         return False
     table: dict[str, Any] = {}
@@ -173,5 +174,5 @@ def _value(words: Sequence[str]) -> Any:
     return table["value"] if list(table) == ["value"] else table
 
 
-def _say(line: str) -> None:
-    print(f"agentd: {line}", file=sys.stderr)
+def _print_note(text: str) -> None:
+    print(f"agentd: note: {text}", file=sys.stderr)

@@ -7,7 +7,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from agentd.launcher.rundir import default_endpoints, read_about
+from agentd.endpoints import default_endpoints
+from agentd.run_directory import read_run_json
 from dcf_zenoh.config import LoadedFleet, load
 from dcf_zenoh.diagnostics import listed, nearest
 from dcf_zenoh.errors import RecordingError
@@ -39,7 +40,7 @@ class RunningFleet:
             ConfigurationError: Its fleet file cannot be read.
             RecordingError: What the launcher has noted cannot be read.
         """
-        return cls(folder, load(folder / "fleet.toml"), read_about(folder))
+        return cls(folder, load(folder / "fleet.toml"), read_run_json(folder))
 
     @property
     def logs(self) -> dict[int, AgentLog]:

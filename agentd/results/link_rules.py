@@ -7,7 +7,7 @@ from operator import itemgetter
 from pathlib import Path
 from typing import Any, TypeAlias
 
-from agentd.operator.fault_history import short, to_toml
+from agentd.fault_rules import rules_to_toml, short_ids
 from dcf_zenoh.analysis.link_health import LinkHealth
 from dcf_zenoh.config import LoadedFleet, graph_of
 from dcf_zenoh.errors import RecordingError
@@ -43,7 +43,8 @@ def export_links(run: Run, health: Sequence[LinkHealth], file: Path) -> str:
         )
     graph = graph_of(LoadedFleet(run.fleet, run.home, run.name))
     total = len(graph.links)
-    lines = f"\n# Links as measured in {run.fleet.name}, {run.name}.\n" + to_toml(replay_rules(health, file, graph))
+    rules = rules_to_toml(replay_rules(health, file, graph))
+    lines = f"\n# Links as measured in {run.fleet.name}, {run.name}.\n{rules}"
     if profiles:
         try:
             write_profile(file, profiles)
@@ -91,7 +92,7 @@ def _loss(health: LinkHealth) -> tuple[float, float]:
 def _rules(fault: dict[str, Any], links: Collection[Link], graph: Graph) -> list[Rule]:
     """Rules that give a fault to just these links of a graph, once to each."""
     return [
-        {key: short(ids) for key, ids in (("from", senders), ("to", receivers)) if ids is not None} | fault
+        {key: short_ids(ids) for key, ids in (("from", senders), ("to", receivers)) if ids is not None} | fault
         for senders, receivers in _covers(links, graph)
     ]
 

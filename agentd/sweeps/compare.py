@@ -7,10 +7,10 @@ from argparse import Namespace
 from dataclasses import dataclass
 from pathlib import Path
 
-from agentd.launcher.rundir import new_folder, new_run_folder
 from agentd.results.report import write_comparison
 from agentd.results.scores import scores, scores_table, write_csv
 from agentd.run_and_report import launch_with_progress, print_wide, simulate_into
+from agentd.run_directory import new_folder, new_run_folder
 from agentd.sweeps.variants import Variant, load_all, variants
 from dcf_zenoh import config
 from dcf_zenoh.config import LoadedFleet

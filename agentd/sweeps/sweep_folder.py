@@ -8,7 +8,7 @@ from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 import dcf_zenoh
-from agentd.launcher.rundir import new_folder
+from agentd.run_directory import new_folder
 from agentd.sweeps.variants import Variant
 from dcf_zenoh.config import LoadedFleet, freeze
 from dcf_zenoh.errors import RecordingError

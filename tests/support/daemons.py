@@ -11,7 +11,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from agentd.launcher.rundir import read_about
+from agentd.run_directory import read_run_json
 from dcf_zenoh.records.agent_log import AgentLog
 from dcf_zenoh.records.writer import log_name
 
@@ -139,7 +139,7 @@ class Launch:
     @property
     def about(self) -> dict[str, Any]:
         """What the launcher has noted of the run so far."""
-        return read_about(self.folder)
+        return read_run_json(self.folder)
 
     @property
     def errors(self) -> str:

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from agentd.daemon.daemon import Assignment, run_agent
-from agentd.launcher.rundir import free_endpoints
+from agentd.endpoints import free_endpoints
 from dcf_zenoh.config import LoadedFleet, freeze, load
 from dcf_zenoh.errors import DcfError
 from dcf_zenoh.records.agent_log import AgentLog

@@ -14,10 +14,10 @@ import pytest
 
 from agentd.cli import main
 from agentd.daemon.operator_protocol import decode_answer
-from agentd.launcher.rundir import read_about, write_about
 from agentd.operator.fault_history import changes_of
 from agentd.operator.query import send_queries
 from agentd.operator.running_fleet import RunningFleet
+from agentd.run_directory import read_run_json, write_run_json
 from dcf_zenoh import Run
 from dcf_zenoh.config import freeze, load
 from dcf_zenoh.configuration.building.fault_links import window_of
@@ -178,7 +178,7 @@ def grounded(tmp_path: Path) -> Path:
 
 def ground(folder: Path, text: str, name: str = "run") -> Path:
     freeze(load(write_fleet(folder, text)), folder / name)
-    write_about(folder / name, {"fleet": "talk", "run": name, "endpoints": dict.fromkeys(IDS, NOWHERE)})
+    write_run_json(folder / name, {"fleet": "talk", "run": name, "endpoints": dict.fromkeys(IDS, NOWHERE)})
     return folder / name
 
 
@@ -429,7 +429,7 @@ def test_rules_of_the_file_that_would_be_overruled_are_named(
     first = next(item for item in items if isinstance(item, dict) and item.get("event") == "fault")
     first["time"] = 0
     stream.write_bytes(b"".join(map(msgpack.packb, items)))
-    write_about(folder, {**read_about(folder), "ended": "just now"})
+    write_run_json(folder, {**read_run_json(folder), "ended": "just now"})
     code, _, err = agentd("fault", folder, "export")
     assert code == 0
     assert err.startswith(

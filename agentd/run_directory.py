@@ -1,0 +1,76 @@
+"""The directory of a run: made empty, checked before use, described in ``run.json``."""
+
+import json
+import os
+from collections.abc import Mapping
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from dcf_zenoh.errors import RecordingError
+from dcf_zenoh.records.writer import log_name
+from dcf_zenoh.spec import FleetSpec
+
+
+def new_run_folder(fleet: FleetSpec, out: Path | None) -> Path:
+    """Make an empty run directory: `out`, or a new one below ``runs``.
+
+    Raises:
+        RecordingError: It cannot be made, or is not empty.
+    """
+    folder = new_folder(fleet.name, out)
+    try:
+        write_run_json(folder, {})
+    except OSError as error:
+        raise RecordingError(f"{folder}: cannot be written: {error.strerror}") from error
+    return folder
+
+
+def new_folder(name: str, out: Path | None) -> Path:
+    """Make an empty directory: `out`, or a new one below ``runs`` whose name begins with `name`.
+
+    Raises:
+        RecordingError: It cannot be made, or is not empty.
+    """
+    folder = out or Path("runs") / f"{name}-{datetime.now():%Y%m%d-%H%M%S}-{os.getpid()}"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        if any(folder.iterdir()):
+            raise RecordingError(f"{folder}: this directory is not empty; choose another with --out")
+    except OSError as error:
+        raise RecordingError(f"{folder}: cannot be written: {error.strerror}") from error
+    return folder
+
+
+def check_unused(folder: Path, agent: int) -> None:
+    """Raise an error if the agent has run in this directory before.
+
+    Raises:
+        RecordingError: The log of the agent exists.
+    """
+    path = folder / log_name(agent)
+    if path.exists():
+        raise RecordingError(f"{path}: there is a log already; choose another directory with --out")
+
+
+def write_run_json(folder: Path, content: Mapping[str, Any]) -> None:
+    """Replace ``run.json`` atomically."""
+    temporary = folder / ".run.json"
+    temporary.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
+    temporary.replace(folder / "run.json")
+
+
+def read_run_json(folder: Path) -> dict[str, Any]:
+    """Read ``run.json``; return an empty dict if there is none.
+
+    Raises:
+        RecordingError: It is not JSON, or not an object whose ``endpoints``, if any, are an object.
+    """
+    path = folder / "run.json"
+    try:
+        content: Any = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
+    except (OSError, ValueError) as error:
+        raise RecordingError(f"{path}: cannot be read: {error}") from error
+    if not isinstance(content, dict) or not isinstance(content.get("endpoints", {}), dict):
+        raise RecordingError(f"{path}: cannot be read: expected an object, in which 'endpoints' is one too")
+    return content
