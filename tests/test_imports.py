@@ -24,6 +24,23 @@ LAYERS = (
     "configuration config",
     "assembly records.run simulation analysis",
 )
+# Folder or module of agentd -> what else of agentd it may import. The command line may import all of them.
+AGENTD = {
+    "fleets": "",
+    "exit_codes": "",
+    "run_directory": "",
+    "endpoints": "",
+    "fault_rules": "",
+    "plugin_list": "",
+    "figures": "",
+    "daemon": "",
+    "launcher": "daemon exit_codes run_directory endpoints",
+    "operator": "daemon run_directory endpoints fault_rules",
+    "results": "figures fault_rules",
+    "run_and_report": "launcher results run_directory",
+    "sweeps": "launcher results run_and_report run_directory",
+}
+COMMAND_LINE = ("agentd", "agentd.__main__", "agentd.cli", "agentd.options", "agentd.commands")
 FOR_FAMILIES = {"dcf_zenoh.spec", "dcf_zenoh.plant", "dcf_zenoh.graph", "dcf_zenoh.errors"}
 WITHOUT_IO = ("algorithms", "problems", "controllers", "faults", "requests", "runner", "rounds", "loop")
 IO = ("zenoh", "threading", "socket", "logging", "matplotlib", "time")
@@ -170,12 +187,22 @@ def test_core_imports_only_from_rows_above() -> None:
 
 
 def test_imports_make_no_circle() -> None:
-    needs = {module: imported(module) for module in core()}
+    needs = {module: imported(module) for module in modules()}
     assert len(needs) > 30
     assert circle(needs) == set()
     assert circle({**needs, "dcf_zenoh.errors": frozenset({"dcf_zenoh.rounds.exchange"})}) > {
         "dcf_zenoh.rounds.exchange"
     }
+
+
+def test_folders_of_agentd_import_only_what_their_row_names() -> None:
+    for module in set(below("agentd")) - {*COMMAND_LINE}:
+        name = module.split(".")[1]
+        assert name in AGENTD, f"{module} is in no row of AGENTD, which says who may import whom"
+        allowed = [f"agentd.{each}" for each in (name, *AGENTD[name].split())]
+        for each in imports(module):
+            if within(each, "agentd"):
+                assert any(within(each, part) for part in allowed), f"{module} imports {each}"
 
 
 def test_plants_and_topologies_know_only_the_interface() -> None:
