@@ -1,1 +1,1 @@
-"""Plants: the bodies of agents."""
+"""Plants: bodies of agents, simulated and real."""

@@ -1,4 +1,4 @@
-"""A point mass that accelerates as told."""
+"""Point mass under acceleration control."""
 
 import numpy as np
 
@@ -35,12 +35,12 @@ class PointMass(Plant):
         self._now = 0
 
     def resume(self, state: State, now: int) -> None:
-        """Go on from `state` and brake."""
+        """Continue from `state` and brake."""
         self._position, self._velocity = read_only(state.position), read_only(state.velocity)
         self._input, self._now = None, now
 
     def sense(self, now: int) -> State:
-        """Exact position and velocity at `now`."""
+        """Return the exact position and velocity at `now`."""
         self._advance(now)
         return State(self._position, self._velocity)
 

@@ -1,4 +1,4 @@
-"""What a body knows of its own position and velocity: a positioning system, and an estimator behind it."""
+"""Estimated position and velocity of a body: a positioning system and an estimator."""
 
 import math
 from collections import deque
@@ -10,18 +10,18 @@ from dcf_zenoh.plant import Array
 
 
 class Sensor(NamedTuple):
-    """A positioning system that measures the position of a body from time to time.
+    """Errors and timing of a positioning system.
 
     Attributes:
-        noise: Standard deviation of a measurement on each axis, m; independent from one to the next.
+        noise: Standard deviation of a measurement on each axis, m; independent between measurements.
         bias: Standard deviation on each axis of an error that is constant over a run, m.
         shortest: Least time between measurements, s.
-        longest: Greatest time between measurements, s; in between, all are equally likely.
-        latency: From the measurement until the estimator has it, s.
+        longest: Greatest time between measurements, s; the times are uniformly distributed.
+        latency: Delay from a measurement to its use by the estimator, s.
         dropouts: Mean number of interruptions per second.
-        dropout_length: How long each lasts, s.
-        accelerometer: Standard deviation of the measured acceleration, m/s², which carries the estimate from
-            measurement to measurement.
+        dropout_length: Duration of an interruption, s.
+        accelerometer: Standard deviation of the measured acceleration, m/s², by which the estimate is propagated
+            between measurements.
     """
 
     noise: float
@@ -49,20 +49,20 @@ LIGHTHOUSE = Sensor(
 
 
 class Estimator:
-    """Position and velocity of one body, as it believes them to be.
+    """Estimator of position and velocity of one body.
 
     Between measurements the estimate follows the accelerometer. A measurement corrects it by constant gains, those of
-    the stationary Kalman filter for white acceleration noise; what it says is compared with what was believed when it
-    was taken. After an interruption the gains are the same: the estimate walks back in a few measurements.
+    the stationary Kalman filter for white acceleration noise; it is compared with the estimate at the instant of the
+    measurement. The gains stay the same after an interruption: the estimate converges within a few measurements.
 
     Args:
-        sensor: What measures.
-        position: Where the body stands, known at the start, shape (3,), in m.
-        velocity: Its velocity, known at the start, shape (3,), in m/s.
-        rng: Draws all errors.
+        sensor: Positioning system.
+        position: Initial position, known up to the sensor's bias, shape (3,), in m.
+        velocity: Initial velocity, known exactly, shape (3,), in m/s.
+        rng: Source of all errors.
 
     Attributes:
-        estimate: Position and velocity, shape (6,), in m and m/s, world frame.
+        estimate: Estimated position and velocity, shape (6,), in m and m/s, world frame.
 
     Source of the gains: P. R. Kalata, "The Tracking Index: A Generalized Parameter for α-β and α-β-γ Target
     Trackers", IEEE Trans. Aerospace and Electronic Systems 20(2), 1984.
@@ -75,15 +75,19 @@ class Estimator:
         self._alpha, self._beta = gains(sensor)
         self.estimate = np.concatenate((position + self._bias, velocity))
         self._last_velocity = np.array(velocity)
-        self._under_way: deque[tuple[float, Array]] = deque()  # due, error of what was believed
+        self._delayed: deque[tuple[float, Array]] = deque()  # due, measurement minus estimate
         self._now = 0.0
         self._next = 0.0
-        self._back = 0.0  # end of the interruption, if there is one
+        self._dropout_end = 0.0  # end of the last interruption
 
     def step(self, position: Array, velocity: Array, duration: float, *, measured: bool = True) -> None:
-        """Take in that `duration`, in s, later the body is at `position` and moves with `velocity`.
+        """Advance by `duration`.
 
-        While it is not `measured`, the estimate follows the accelerometer alone.
+        Args:
+            position: True position at the end, shape (3,), in m.
+            velocity: True velocity at the end, shape (3,), in m/s.
+            duration: Duration of the step, in s.
+            measured: The positioning system sees the body; otherwise only the accelerometer is used.
         """
         sensor, rng = self._sensor, self._rng
         self._now += duration
@@ -92,23 +96,23 @@ class Estimator:
         self.estimate[:3] += (self.estimate[3:] + acceleration * (duration / 2)) * duration
         self.estimate[3:] += acceleration * duration
         if rng.random() < sensor.dropouts * duration:
-            self._back = self._now + sensor.dropout_length
+            self._dropout_end = self._now + sensor.dropout_length
         if self._now >= self._next:
             self._next = self._now + rng.uniform(sensor.shortest, sensor.longest)
-            seen = position + self._bias + sensor.noise * rng.standard_normal(3)
-            if measured and self._now >= self._back:
-                self._under_way.append((self._now + sensor.latency, seen - self.estimate[:3]))
-        while self._under_way and self._under_way[0][0] <= self._now:
-            _, error = self._under_way.popleft()
+            measurement = position + self._bias + sensor.noise * rng.standard_normal(3)
+            if measured and self._now >= self._dropout_end:
+                self._delayed.append((self._now + sensor.latency, measurement - self.estimate[:3]))
+        while self._delayed and self._delayed[0][0] <= self._now:
+            _, error = self._delayed.popleft()
             self.estimate[:3] += self._alpha * error
             self.estimate[3:] += self._beta / ((sensor.shortest + sensor.longest) / 2) * error
 
 
 def gains(sensor: Sensor) -> tuple[float, float]:
-    """α and β of the stationary filter, at the mean period of `sensor` (Kalata 1984).
+    """Return α and β of the stationary filter at the mean period of `sensor` (Kalata 1984).
 
-    The tracking index Λ = σ_a T² / σ_m compares what may have happened since the last measurement with the noise of
-    the next.
+    The tracking index Λ = σ_a T² / σ_m is the ratio of the uncertainty of the motion within one period to the noise of
+    a measurement.
     """
     period = (sensor.shortest + sensor.longest) / 2
     index = sensor.accelerometer * period**2 / sensor.noise

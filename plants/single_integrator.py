@@ -1,4 +1,4 @@
-"""A body that moves at the velocity it is told."""
+"""Single integrator: a body under velocity control."""
 
 import numpy as np
 
@@ -6,12 +6,11 @@ from dcf_zenoh.plant import Array, Plant, Setpoint, State, read_only
 
 
 class SingleIntegrator(Plant):
-    """Point whose velocity is what the setpoint asks for, at once and until the next one; in any number of dimensions.
+    """Point that takes the setpoint's velocity at once and keeps it until the next one, in any number of dimensions.
 
-    It follows the setpoint's planned velocity and nothing else of it. In a receding horizon that is v_measured + a t_s,
-    the paper's reference for bodies that track velocity, with the velocity measured when the step began: so a setpoint
-    that acts late, or twice, asks for the same. A velocity above the limit keeps its direction. The motion is
-    integrated exactly.
+    Only the planned velocity of a setpoint is used. In a receding horizon it is v_measured + a t_s, the paper's
+    reference for bodies that track velocity, with the velocity measured when the step began: a setpoint that acts late,
+    or twice, has the same effect. A velocity above the limit keeps its direction. The motion is integrated exactly.
 
     Args:
         start: Start position, shape (d,), in m. The body starts at rest.
@@ -30,18 +29,18 @@ class SingleIntegrator(Plant):
         self._now = 0
 
     def resume(self, state: State, now: int) -> None:
-        """Rest where `state` is."""
+        """Rest at the position of `state`."""
         self._position, self._now = read_only(state.position), now
         self._velocity = read_only(np.zeros_like(self._position))
 
     def sense(self, now: int) -> State:
-        """Exact position and velocity at `now`."""
+        """Return the exact position and velocity at `now`."""
         self._position = read_only(self._position + self._velocity * (max(0, now - self._now) * 1e-9))
         self._now = max(now, self._now)
         return State(self._position, self._velocity)
 
     def act(self, setpoint: Setpoint, now: int) -> None:
-        """Move at the setpoint's velocity from `now` on; rest if it has no acceleration, which means hold."""
+        """Move at the setpoint's velocity from `now` on; rest on a setpoint without acceleration, which means hold."""
         self.sense(now)
         if setpoint.acceleration is None:
             self._velocity = read_only(np.zeros_like(self._position))

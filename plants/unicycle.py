@@ -1,4 +1,4 @@
-"""A differential-drive robot whose look-ahead point is led through the plane."""
+"""Differential-drive robot controlled through a look-ahead point."""
 
 from math import cos, pi, sin
 from typing import NamedTuple
@@ -14,7 +14,7 @@ class Pose(NamedTuple):
     heading: float
 
     def after(self, speed: float, turn: float, duration: float) -> "Pose":
-        """The exact pose after `duration` (s) at constant `speed` (m/s) and `turn` rate (rad/s): an arc of a circle."""
+        """Return the exact pose after `duration` (s) at constant `speed` (m/s) and `turn` rate (rad/s), on an arc."""
         half = turn * duration / 2
         chord = speed * duration * (sin(half) / half if half else 1.0)
         along = self.heading + half
@@ -22,29 +22,29 @@ class Pose(NamedTuple):
 
 
 class Unicycle(Plant):
-    """Differential-drive robot that rolls without slipping and leads a point ahead of its axle at the planned velocity.
+    """Differential-drive robot without slip; a point ahead of its axle moves at the planned velocity.
 
     The body cannot move sideways. The point p = (x, y) + l (cos heading, sin heading), l > 0, can: with the wheels'
     mean speed v and turn rate w, its velocity is u = v (cos, sin) + l w (-sin, cos), which is solved for
 
         v = u_x cos + u_y sin,    w = (u_y cos - u_x sin) / l.
 
-    The agents see p: it is what `start`, the targets, the state and the barriers of a problem mean. The middle of the
-    axle is l behind it, so two bodies can be nearer to each other than their points, by up to the sum of their l.
+    `start`, the targets, the state and the barriers of a problem refer to p. The middle of the axle is l behind it, so
+    two bodies can be nearer to each other than their points, by up to the sum of their l.
 
-    The robot computes its wheel speeds afresh every `control_period`, from the heading that it has then, and holds them
-    in between; that is integrated exactly, arc by arc. If a wheel would have to be faster than it can, both are slowed
-    down by one factor: the path keeps its curvature, and p its direction. It follows the setpoint's velocity alone, as
-    `SingleIntegrator` does.
+    The robot computes its wheel speeds every `control_period` from its present heading, and holds them in between; the
+    motion is integrated exactly, arc by arc. If a wheel exceeds its maximum speed, both are slowed down by the same
+    factor: the path keeps its curvature, and p its direction. Only the setpoint's velocity is used, as by
+    `SingleIntegrator`.
 
     Args:
         start: Start of the look-ahead point, shape (2,), in m. The body starts at rest.
-        heading: At the start, in rad.
-        look_ahead: l, in m. The shorter, the nearer is p to the body and the faster must it turn.
-        wheel_radius: In m.
+        heading: Heading at the start, in rad.
+        look_ahead: Distance l, in m. With a shorter one, p is nearer to the body and the robot turns faster.
+        wheel_radius: Radius of the wheels, in m.
         wheel_base: Distance of the wheels, in m.
         wheel_speed_max: Bound on the angular speed of each wheel, in rad/s.
-        control_period: Of the robot's own computer, in s.
+        control_period: Control period of the robot's own computer, in s.
 
     Raises:
         ValueError: A length, speed or period is not positive, or `start` is not planar.
@@ -82,15 +82,15 @@ class Unicycle(Plant):
         self._half_base = wheel_base / 2
         self._period = max(1, round(control_period * 1e9))
         self._heading = heading % (2 * pi)
-        self._since = 0  # when the robot last computed its wheel speeds; its pose is of then
+        self._since = 0  # instant at which the wheel speeds were last computed, and to which the pose refers
         self._place(start, 0)
 
     def resume(self, state: State, now: int) -> None:
-        """Rest with the look-ahead point where `state` has it, and the heading of the start: a state has none."""
+        """Rest with the look-ahead point at the position of `state`, and the start heading: a state has no heading."""
         self._place(state.position, now)
 
     def sense(self, now: int) -> State:
-        """Exact position and velocity of the look-ahead point at `now`."""
+        """Return the exact position and velocity of the look-ahead point at `now`."""
         pose = self.pose(now)
         ahead, aside = cos(pose.heading), sin(pose.heading)
         speed, across = self._speed, self._look_ahead * self._turn
@@ -100,7 +100,7 @@ class Unicycle(Plant):
         )
 
     def act(self, setpoint: Setpoint, now: int) -> None:
-        """Lead the point at the setpoint's velocity from `now` on; stop if it has no acceleration, which means hold."""
+        """Move the point at the setpoint's velocity from `now` on; stop on a setpoint without acceleration (hold)."""
         self._pose, self._since = self.pose(now), max(now, self._since)
         if setpoint.acceleration is None:
             self._wanted = (0.0, 0.0)
@@ -111,14 +111,14 @@ class Unicycle(Plant):
         self._turn_wheels()
 
     def pose(self, now: int) -> Pose:
-        """Where the body is at `now`, which no agent is told."""
+        """Return the pose of the body at `now`; agents do not measure it."""
         while self._since + self._period <= now:  # the robot's own computer
             self._since, self._pose = self._since + self._period, self._driven(self._since + self._period)
             self._turn_wheels()
         return self._driven(now)
 
     def _place(self, point: Array, now: int) -> None:
-        """Rest with the look-ahead point there."""
+        """Rest with the look-ahead point at `point`."""
         x, y = float(point[0]), float(point[1])
         ahead = self._look_ahead
         self._pose = Pose(x - ahead * cos(self._heading), y - ahead * sin(self._heading), self._heading)
@@ -130,11 +130,11 @@ class Unicycle(Plant):
         return self._pose.after(self._speed, self._turn, max(0, now - self._since) * 1e-9)
 
     def _turn_wheels(self) -> None:
-        """Speed and turn rate that lead the point as wanted, slowed down to what the faster wheel can do."""
+        """Set the speed and turn rate that give the point the wanted velocity, within the limit of the faster wheel."""
         ahead, aside = cos(self._pose.heading), sin(self._pose.heading)
         wanted_x, wanted_y = self._wanted
         speed = wanted_x * ahead + wanted_y * aside
         turn = (wanted_y * ahead - wanted_x * aside) / self._look_ahead
-        fastest = abs(speed) + abs(turn) * self._half_base  # of left = v - w b / 2, right = v + w b / 2
+        fastest = abs(speed) + abs(turn) * self._half_base  # larger of left = v - w b / 2, right = v + w b / 2
         slower = min(1.0, self._rim_speed_max / fastest) if fastest else 1.0
         self._speed, self._turn = speed * slower, turn * slower

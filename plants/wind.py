@@ -14,13 +14,13 @@ class Wind:
     statistics do not depend on the step. Agents' gusts are independent of each other.
 
     Args:
-        mean: ``[x, y]`` or ``[x, y, z]``, in m/s, world frame.
+        mean: Mean velocity ``[x, y]`` or ``[x, y, z]``, in m/s, world frame.
         gusts: Standard deviation of each horizontal component around the mean, in m/s.
         gust_time: Time in which a gust's correlation falls to 1/e, in s.
-        rng: Draws the gusts.
+        rng: Source of the gusts.
 
     Attributes:
-        velocity: At present, shape (3,), in m/s, world frame. Read-only.
+        velocity: Present velocity, shape (3,), in m/s, world frame. Read-only.
 
     Raises:
         ValueError: `gusts` is negative, or `gust_time` is not positive.
@@ -44,7 +44,7 @@ class Wind:
         self.velocity = self._now()
 
     def step(self, duration: float) -> None:
-        """Let `duration`, in s, pass."""
+        """Advance by `duration`, in s."""
         if not self._deviation:
             return
         keep = math.exp(-duration / self._time)

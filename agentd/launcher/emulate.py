@@ -37,17 +37,17 @@ def emulate(options: Namespace) -> int:
         ConfigurationError: An option, or the fleet, is not usable.
     """
     from plants.crazyflie.emulator.fleet import Emulation  # noqa: PLC0415 - compiles; whoever does something else need not wait
-    from plants.crazyflie.emulator.radio import Air  # noqa: PLC0415
+    from plants.crazyflie.emulator.radio import RadioConditions  # noqa: PLC0415
     from plants.crazyflie.emulator.server import serve  # noqa: PLC0415
 
-    air = Air(latency=options.latency, tail=options.tail, silences=options.silences, loss=options.loss)
+    air = RadioConditions(latency=options.latency, tail=options.tail, silences=options.silences, loss=options.loss)
     with heeding() as signals:
         try:
             emulation = Emulation(
                 places(options),
                 parameters=options.parameters,
                 sensing=options.sensing,
-                air=air,
+                conditions=air,
                 truth=options.truth,
                 seed=options.seed or 0,
             )
@@ -74,7 +74,7 @@ def places(options: Namespace) -> "dict[int, Place]":
     Raises:
         ConfigurationError: No agent of the fleet has a URI that can be emulated, or a number is out of its range.
     """
-    from plants.crazyflie.emulator.fleet import Place, around  # noqa: PLC0415
+    from plants.crazyflie.emulator.fleet import Place, default_positions  # noqa: PLC0415
 
     if not 0 <= options.loss <= 1:
         raise ConfigurationError(f"emulate-crazyflie: expected --loss from 0 to 1, not {options.loss:g}")
@@ -86,7 +86,7 @@ def places(options: Namespace) -> "dict[int, Place]":
             raise ConfigurationError("emulate-crazyflie: expected --n from 1 to 100, and --port so that all have one")
         return {
             k + 1: Place(position, port=options.port and options.port + k, tcp=options.tcp)
-            for k, position in enumerate(around(options.n))
+            for k, position in enumerate(default_positions(options.n))
         }
     spec = load(options.fleet, plant=options.plant).spec
     found = {}

@@ -1,4 +1,4 @@
-"""The Crazyflie: simulated, real, and emulated for the real radio library.
+"""Crazyflie: simulated, real, and emulated for cflib.
 
 Imports `dcf_zenoh.plant`, `.spec`, `.graph` and `.errors` only.
 """

@@ -15,7 +15,7 @@ from dcf_zenoh.errors import PlantError
 from dcf_zenoh.plant import Array, Check, Plant, Setpoint, State
 from plants.crazyflie.connection.connecting import connect
 from plants.crazyflie.connection.link import Link
-from plants.crazyflie.connection.outbox import LOOK
+from plants.crazyflie.connection.outbox import POLL
 from plants.crazyflie.connection.uri import check_uri, drone_of
 from plants.crazyflie.flying.autopilot import Autopilot
 from plants.crazyflie.flying.bounds import HEIGHT, Bounds, check_range
@@ -34,12 +34,12 @@ SETTLING = 10.0  # s
 STUCK = 0.5  # s
 
 
-class Craft(NamedTuple):
+class ConnectedDrone(NamedTuple):
     """One connected drone."""
 
     link: Link
-    vitals: Telemetry
-    pilot: Autopilot
+    telemetry: Telemetry
+    autopilot: Autopilot
 
 
 class CrazyflieHardware(Plant):
@@ -140,7 +140,7 @@ class CrazyflieHardware(Plant):
         self._cache = Path(cache).expanduser() if cache else _default_cache()
         self._geometry = Path(geometry).expanduser() if geometry else None
         self._pose = PoseFeed(pose.replace("{agent}", str(agent)), pose_endpoint) if pose else None
-        self._craft: Craft | None = None
+        self._drone: ConnectedDrone | None = None
         self._checks: tuple[Check, ...] = ()
         self._velocity_reference: Array | None = None
         self._heading = 0.0
@@ -157,15 +157,15 @@ class CrazyflieHardware(Plant):
             PlantError: cflib is not installed, the drone does not answer, or its firmware is too old.
         """
         timeout, retries = self._patience
-        with self._blamed():
+        with self._naming_agent():
             if self._pose is not None:
                 self._pose.open()
             atexit.register(self.close)  # in case nobody else does
             link = yield from connect(self._uri, self._cache, timeout=timeout, retries=retries)
-            vitals = Telemetry(link)
-            self._craft = Craft(link, vitals, Autopilot(link, vitals, self._bounds, self._pose))
-            yield from vitals.listen()
-            self._craft.pilot.start()
+            telemetry = Telemetry(link)
+            self._drone = ConnectedDrone(link, telemetry, Autopilot(link, telemetry, self._bounds, self._pose))
+            yield from telemetry.listen()
+            self._drone.autopilot.start()
 
     def inspect(self) -> Iterator[float]:
         """Start the estimator anew, wait until it knows where it is, and look at all that a flight needs.
@@ -173,12 +173,18 @@ class CrazyflieHardware(Plant):
         Raises:
             PlantError: The drone does not answer.
         """
-        link, vitals, pilot = self._connected()
-        with self._blamed():
+        link, telemetry, autopilot = self._connected()
+        with self._naming_agent():
             if self._geometry is not None:
                 yield from install(link, self._geometry)
             self._checks = yield from inspect(
-                link, vitals, self._bounds, self._start, self._pose, placed=self._placed, left_flying=pilot.airborne
+                link,
+                telemetry,
+                self._bounds,
+                self._start,
+                self._pose,
+                placed=self._placed,
+                left_flying=autopilot.airborne,
             )
 
     def checks(self) -> tuple[Check, ...]:
@@ -191,15 +197,15 @@ class CrazyflieHardware(Plant):
         Raises:
             PlantError: The drone refuses.
         """
-        link, vitals, _ = self._connected()
-        with self._blamed():
+        link, telemetry, _ = self._connected()
+        with self._naming_agent():
             until = time.monotonic() + ARMING
             link.high_level.stop()  # forgets what its planner did last; otherwise it may refuse to take off
-            while not vitals.health.has(ARMED):
+            while not telemetry.health.has(ARMED):
                 if time.monotonic() > until:
                     raise PlantError(f"it was not armed within {ARMING:g} s: {link.lost or 'it refuses'}")
                 link.arm(True)
-                yield 4 * LOOK
+                yield 4 * POLL
 
     def take_off(self) -> Iterator[float]:
         """Climb straight up, at 0.4 m/s on average, and hover.
@@ -207,10 +213,10 @@ class CrazyflieHardware(Plant):
         Raises:
             PlantError: It does not take off, or does not come to its height; then it lands.
         """
-        with self._blamed():
-            pilot = self._connected().pilot
-            self._heading = self._connected().vitals.motion.yaw
-            yield from pilot.take_off(self._height)
+        with self._naming_agent():
+            autopilot = self._connected().autopilot
+            self._heading = self._connected().telemetry.motion.yaw
+            yield from autopilot.take_off(self._height)
 
     def settle(self) -> Iterator[float]:
         """Wait until it hovers still for 1 s; 10 s at most.
@@ -218,15 +224,15 @@ class CrazyflieHardware(Plant):
         Raises:
             PlantError: It does not.
         """
-        with self._blamed():
+        with self._naming_agent():
             began = quiet_since = time.monotonic()
             while (now := time.monotonic()) - quiet_since < STILL_FOR:
-                velocity = self._flying().vitals.motion.velocity
+                velocity = self._flying().telemetry.motion.velocity
                 speed = float(np.linalg.norm(velocity))
                 quiet_since = quiet_since if speed < STILL else now
                 if now - began > SETTLING:
                     raise PlantError(f"it did not hover still within {SETTLING:g} s: it moves at {speed:.2f} m/s")
-                yield LOOK
+                yield POLL
 
     def go_to_start(self) -> Iterator[float]:
         """Fly to the start in a straight line, at 0.3 m/s on average.
@@ -234,8 +240,8 @@ class CrazyflieHardware(Plant):
         Raises:
             PlantError: It does not get there; then it lands.
         """
-        with self._blamed():
-            yield from self._flying().pilot.go_to(self._start)
+        with self._naming_agent():
+            yield from self._flying().autopilot.go_to(self._start)
 
     def start(self, now: int) -> None:  # noqa: ARG002
         """From now on it lands when commands stay away.
@@ -243,7 +249,7 @@ class CrazyflieHardware(Plant):
         Raises:
             PlantError: It does not fly any more.
         """
-        self._flying().pilot.stream.expect_commands()
+        self._flying().autopilot.setpoints.expect_commands()
 
     def resume(self, state: State, now: int) -> None:  # noqa: ARG002
         """Refuse: without a stream of setpoints the firmware has stopped the motors long ago.
@@ -262,7 +268,7 @@ class CrazyflieHardware(Plant):
         Raises:
             PlantError: It does not fly any more; the message says why.
         """
-        motion = self._flying().vitals.motion
+        motion = self._flying().telemetry.motion
         return State(motion.position_after(min(motion.age, self._bounds.state_age_max)), motion.velocity)
 
     def act(self, setpoint: Setpoint, now: int) -> None:  # noqa: ARG002
@@ -272,10 +278,10 @@ class CrazyflieHardware(Plant):
             PlantError: It does not fly any more, or the setpoint is not finite.
             ValueError: The setpoint is neither planar nor in space.
         """
-        stream = self._flying().pilot.stream
+        setpoints = self._flying().autopilot.setpoints
         if setpoint.acceleration is None:
             self._velocity_reference = None
-            stream.hold()
+            setpoints.hold()
             return
         wanted = setpoint.position if self._reference == "position" else self._velocity(setpoint)
         if len(wanted) not in (2, 3):
@@ -283,9 +289,9 @@ class CrazyflieHardware(Plant):
         if not np.isfinite(wanted).all():
             raise PlantError(f"{self._name}: a setpoint must be finite, not {wanted.tolist()}")
         if self._reference == "position":
-            stream.fly_to(wanted, self._height, self._heading)
+            setpoints.fly_to(wanted, self._height, self._heading)
         else:
-            stream.follow(wanted, self._height)
+            setpoints.follow(wanted, self._height)
 
     def finish(self, now: int, reason: str) -> Iterator[float]:  # noqa: ARG002
         """Brake, sink at 0.2 m/s, stop and disarm the motors, once it stands; `landing_time` at most.
@@ -293,52 +299,54 @@ class CrazyflieHardware(Plant):
         Raises:
             PlantError: It was not seen to land; the message says why.
         """
-        if self._craft is not None:
-            with self._blamed():
-                yield from self._land(self._craft)
+        if self._drone is not None:
+            with self._naming_agent():
+                yield from self._land(self._drone)
 
     def close(self) -> None:
         """Land, if it is in the air and can be reached; then release the link."""
         atexit.unregister(self.close)
-        if self._craft is not None:
+        if self._drone is not None:
             try:
-                self._release(self._craft)
+                self._release(self._drone)
             except PlantError as error:  # there is nobody left who could do anything about it
                 log.error("%s: %s", self._name, error)
-            self._craft = None
+            self._drone = None
         if self._pose is not None:
             self._pose.close()
 
     def emergency_stop(self) -> None:
         """Stop the motors, from any thread; it falls, and has to be restarted."""
-        craft = self._craft
-        if craft is not None:
-            craft.pilot.stop()
+        drone = self._drone
+        if drone is not None:
+            drone.autopilot.stop()
 
-    def _release(self, craft: Craft) -> None:
-        if craft.pilot.airborne and not craft.link.lost:
-            for pause in self._land(craft):
+    def _release(self, drone: ConnectedDrone) -> None:
+        if drone.autopilot.airborne and not drone.link.lost:
+            for pause in self._land(drone):
                 time.sleep(pause)
-        craft.pilot.end()
-        craft.link.close()
+        drone.autopilot.close()
+        drone.link.close()
 
-    def _land(self, craft: Craft) -> Iterator[float]:
+    def _land(self, drone: ConnectedDrone) -> Iterator[float]:
         """Land; pauses, in s, until it stands.
 
         Raises:
             PlantError: It was not seen to land.
         """
-        link, _, pilot = craft
-        for pause in pilot.land():
-            if pilot.airborne and link.lost:
-                now = link_lost(link.lost, on_its_own=pilot.on_its_own)
+        link, _, autopilot = drone
+        for pause in autopilot.land():
+            if autopilot.airborne and link.lost:
+                now = link_lost(link.lost, planner_flies=autopilot.planner_flies)
                 before = (
-                    f"{pilot.failure}; then " if pilot.failure and not pilot.failure.startswith("link lost") else ""
+                    f"{autopilot.failure}; then "
+                    if autopilot.failure and not autopilot.failure.startswith("link lost")
+                    else ""
                 )
                 raise PlantError(f"not seen to land: {before}{now}")
             yield pause
-        if pilot.airborne:
-            raise PlantError(f"not seen to land: {pilot.failure or 'no reason is known'}")
+        if autopilot.airborne:
+            raise PlantError(f"not seen to land: {autopilot.failure or 'no reason is known'}")
 
     def _velocity(self, setpoint: Setpoint) -> Array:
         """The velocity that `setpoint` leads to within one sample, in as many dimensions as it has."""
@@ -346,32 +354,32 @@ class CrazyflieHardware(Plant):
         if self._reference == "planned" or acceleration is None:
             return setpoint.velocity
         size = len(acceleration)
-        before = self._connected().vitals.motion.velocity[:size]
+        before = self._connected().telemetry.motion.velocity[:size]
         if self._reference == "integrated" and self._velocity_reference is not None:
             before = self._velocity_reference
         self._velocity_reference = before + acceleration * self._sample_time
         return self._velocity_reference
 
-    def _connected(self) -> Craft:
-        if self._craft is None:
+    def _connected(self) -> ConnectedDrone:
+        if self._drone is None:
             raise PlantError(f"{self._name}: it is not connected")
-        return self._craft
+        return self._drone
 
-    def _flying(self) -> Craft:
+    def _flying(self) -> ConnectedDrone:
         """The drone, if it flies as it is told."""
-        craft = self._connected()
-        pilot = craft.pilot
-        if failure := pilot.failure or ("" if pilot.airborne else "it has landed"):
-            out_of_reach = pilot.airborne and craft.link.lost
-            state = "out of reach" if out_of_reach else "is landing" if pilot.airborne else "landed"
+        drone = self._connected()
+        autopilot = drone.autopilot
+        if failure := autopilot.failure or ("" if autopilot.airborne else "it has landed"):
+            out_of_reach = autopilot.airborne and drone.link.lost
+            state = "out of reach" if out_of_reach else "is landing" if autopilot.airborne else "landed"
             raise PlantError(f"{self._name}: {state}: {failure}")
-        age, allowed = craft.vitals.motion.age, self._bounds.state_age_max
+        age, allowed = drone.telemetry.motion.age, self._bounds.state_age_max
         if age > allowed + STUCK:  # the pilot would have said so, but waits for the link
             raise PlantError(f"{self._name}: its state is {age:.2f} s old, at most {allowed:g} s is allowed")
-        return craft
+        return drone
 
     @contextmanager
-    def _blamed(self) -> Iterator[None]:
+    def _naming_agent(self) -> Iterator[None]:
         """Name the agent in every error of the drone."""
         try:
             yield

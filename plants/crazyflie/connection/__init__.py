@@ -1,1 +1,1 @@
-"""The radio link to a real Crazyflie."""
+"""Radio link to a real Crazyflie."""

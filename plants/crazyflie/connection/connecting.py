@@ -1,4 +1,4 @@
-"""Connecting to a Crazyflie, with a deadline of our own and as many attempts as it needs."""
+"""Connecting to a Crazyflie, with a deadline and retries."""
 
 import logging
 import threading
@@ -7,29 +7,32 @@ from collections.abc import Generator
 from pathlib import Path
 
 from dcf_zenoh.errors import PlantError
-from plants.crazyflie.connection.link import CLOSING, Link, patiently
+from plants.crazyflie.connection.link import CLOSING, Link, run_blocking
 
 log = logging.getLogger(__name__)
 
-PAUSE = 0.5  # s between two attempts
+RETRY_DELAY = 0.5  # s between two attempts
 
-_once = threading.Lock()  # guards cflib's list of drivers, which grows with each call that fills it
+_drivers_lock = threading.Lock()  # guards cflib's list of drivers: each call of init_drivers adds to it
 
 
 def connect(uri: str, cache: Path, *, timeout: float, retries: int) -> Generator[float, None, Link]:
-    """Open a link and download the tables of what can be logged and set; pauses, in s, until that is done.
+    """Open a link and download the tables of log variables and parameters.
 
-    An attempt is given up as soon as nothing comes for a while: cflib's first two questions are asked only once, and
-    would be waited for without end.
+    An attempt ends as soon as no packet has been received for a while: cflib sends its first two requests only once,
+    and would wait for the replies without end.
 
     Args:
-        uri: Of the drone.
+        uri: URI of the drone.
         cache: Folder for the tables, so that they are downloaded once.
-        timeout: Of all attempts, in s.
-        retries: How many attempts may follow the first.
+        timeout: Time-out of all attempts together, in s.
+        retries: Largest number of attempts after the first.
+
+    Yields:
+        Pauses, in s.
 
     Raises:
-        PlantError: cflib is not installed, or the drone did not answer; the message says what was tried.
+        PlantError: cflib is not installed, or the drone does not answer; the message lists the reasons.
     """
     _prepare_library()
     deadline = time.monotonic() + timeout
@@ -38,7 +41,7 @@ def connect(uri: str, cache: Path, *, timeout: float, retries: int) -> Generator
         link = Link(uri, cache)
         try:
             reason = yield from link.open(deadline)
-        except BaseException:  # nobody waits for it any more
+        except BaseException:  # the caller gave up: do not block it while the link closes
             threading.Thread(target=link.discard, name="closing the link", daemon=True).start()
             raise
         if not reason:
@@ -46,13 +49,13 @@ def connect(uri: str, cache: Path, *, timeout: float, retries: int) -> Generator
         log.info("%s: attempt %d: %s", uri, len(reasons) + 1, reason)
         reasons.append(reason)
         try:
-            yield from patiently(link.discard, CLOSING, "closing the link after that")
-        except PlantError as error:  # its radio is stuck
+            yield from run_blocking(link.discard, CLOSING, "closing the link after that")
+        except PlantError as error:  # the radio does not respond
             reasons.append(str(error))
             break
-        if time.monotonic() + PAUSE > deadline:
+        if time.monotonic() + RETRY_DELAY > deadline:
             break
-        yield PAUSE
+        yield RETRY_DELAY
     times = f"{len(reasons)} times" if len(reasons) > 1 else "once"
     raise PlantError(f"no connection to {uri}, tried {times} within {timeout:g} s: {'; '.join(dict.fromkeys(reasons))}")
 
@@ -61,16 +64,16 @@ def _prepare_library() -> None:
     """Load cflib, and its drivers once.
 
     Raises:
-        PlantError: It is not installed.
+        PlantError: cflib is not installed.
     """
     try:
-        import cflib.crtp  # noqa: PLC0415 - an extra, which others need not have
+        import cflib.crtp  # noqa: PLC0415 - an optional extra
     except ImportError as error:
         raise PlantError(
             f"a Crazyflie is flown by way of cflib, which cannot be loaded ({error}):"
             " pip install 'dcf-zenoh[crazyflie]'"
         ) from error
-    logging.getLogger("cflib").setLevel(logging.CRITICAL)  # it prints a trace for everything that we raise
-    with _once:
+    logging.getLogger("cflib").setLevel(logging.CRITICAL)  # it logs a trace for each error raised here
+    with _drivers_lock:
         if not cflib.crtp.CLASSES:
             cflib.crtp.init_drivers()

@@ -1,4 +1,4 @@
-"""How a Crazyflie is addressed."""
+"""URIs of Crazyflies."""
 
 import re
 from ipaddress import AddressValueError, IPv4Address
@@ -17,13 +17,13 @@ SOCKET = re.compile(r"(?:udp|tcp)://([^/:?]+):([0-9]{1,5})")
 
 
 def check_uri(uri: str) -> None:
-    """Refuse what is not the full and only way to write the address of one Crazyflie.
+    """Refuse a URI that is not in canonical form.
 
-    Libraries accept more, with defaults for what is left out; but then two agents could name one drone in two ways.
-    For what is left of that see `drone_of`.
+    cflib also accepts shorter forms, with defaults for the omitted parts; but then two agents could name one drone in
+    two ways. `drone_of` covers the remaining ambiguity.
 
     Raises:
-        ValueError: It is not; the message says what is wrong and what is allowed.
+        ValueError: The URI is not canonical; the message says what is wrong and what is allowed.
     """
     if match := RADIO.fullmatch(uri):
         problem = _radio_problem(*match.groups())
@@ -36,14 +36,14 @@ def check_uri(uri: str) -> None:
 
 
 def drone_of(uri: str) -> str:
-    """What two URIs of one drone have in common: whichever radio, it listens at one channel, rate and address."""
+    """Return a key that is equal for all URIs of one drone: channel, rate and address, without the radio."""
     if match := RADIO.fullmatch(uri):
         return "/".join(match.groups()[1:])
     return uri.lower().replace("://localhost:", "://127.0.0.1:")
 
 
 def is_wireless(uri: str) -> bool:
-    """Whether packets go through a Crazyradio, which sends again what was not acknowledged."""
+    """Return whether packets go through a Crazyradio, which repeats unacknowledged packets itself."""
     return uri.startswith("radio:")
 
 

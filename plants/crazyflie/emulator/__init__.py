@@ -1,1 +1,1 @@
-"""A software Crazyflie: firmware, body and radio, for the real cflib to connect to."""
+"""Emulated Crazyflie: firmware, body and radio, for the real cflib to connect to."""

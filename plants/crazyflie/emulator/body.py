@@ -1,4 +1,4 @@
-"""The drone's body in the air and on the ground."""
+"""Body of the drone in the air and on the ground."""
 
 import math
 
@@ -13,23 +13,23 @@ from plants.crazyflie.model.vehicle import COMMAND_MAX, Vehicle
 
 SLOT = POSITION_EVERY * TICK  # s
 CALM = read_only(np.zeros(3))
-NEAR = 0.1  # m above the ground, below which its fall is looked at in every tick
+NEAR = 0.1  # m above the ground, below which a touchdown is looked for in every tick
 
 
 class Body:
-    """Vehicle and cascade; it flies in slots of 10 ms, as often as the position loop runs.
+    """Vehicle and cascade, simulated in slots of 10 ms, the period of the position loop.
 
     Args:
-        vehicle: Its parameters.
-        position: Where it stands, shape (2,), m.
-        yaw: Its heading, rad.
+        vehicle: Parameters of the vehicle.
+        position: Initial position on the ground, shape (2,), m.
+        yaw: Initial heading, rad.
 
     Attributes:
-        tick: How many ms have passed.
-        state: Shape (17,), see `model.dynamics`.
-        push: Velocity, shape (2,), m/s, at which something carries it along while it is in the air; it is not part of
-            the velocity that the drone measures.
-        touchdown: Speed at which it came to the ground in the last slot, m/s; None if it did not.
+        tick: Number of ms passed.
+        state: State of the body, shape (17,), see `model.dynamics`.
+        push: Velocity of a drift while the body is in the air, shape (2,), m/s; it is not part of the measured
+            velocity.
+        touchdown: Vertical speed of a touchdown in the last slot, m/s; None if there was none.
     """
 
     def __init__(self, vehicle: Vehicle, position: Array, yaw: float) -> None:
@@ -43,17 +43,17 @@ class Body:
 
     @property
     def position(self) -> Array:
-        """m, shape (3,)."""
+        """Position, shape (3,), m."""
         return self.state[:3]
 
     @property
     def velocity(self) -> Array:
-        """m/s, shape (3,)."""
+        """Velocity, shape (3,), m/s."""
         return self.state[7:10]
 
     @property
     def rates(self) -> Array:
-        """Turn rates, rad/s, body frame, shape (3,)."""
+        """Turn rates, body frame, shape (3,), rad/s."""
         return self.state[10:13]
 
     @property
@@ -74,22 +74,22 @@ class Body:
 
     @property
     def running(self) -> bool:
-        """Whether a motor turns, or is told to."""
+        """Whether a motor has a command above zero."""
         return any(self.motors.tolist())
 
     @property
     def in_the_air(self) -> bool:
-        """Whether it is above the ground."""
+        """Whether the body is above the ground."""
         return bool(self.state[2] > 0.0)
 
     def place(self, position: Array, yaw: float) -> None:
-        """Put it on the ground, at `position`, shape (2,), m, with a heading, rad."""
+        """Put the body on the ground, at `position`, shape (2,), m, with a heading, rad."""
         self.state[:] = 0.0
         self.state[:2] = position
         self.state[5], self.state[6] = math.sin(yaw / 2), math.cos(yaw / 2)
 
     def fly(self, setpoint: FirmwareSetpoint, estimate: Array) -> None:
-        """One slot; `estimate` is what it believes of position and velocity, shape (6,)."""
+        """Simulate one slot; `estimate` is the estimated position and velocity, shape (6,), m and m/s."""
         self.touchdown = None
         if not 0.0 < self.state[2] < NEAR + abs(self.state[9]) * SLOT:
             self._fly(setpoint, estimate, POSITION_EVERY)

@@ -1,21 +1,21 @@
-"""Who flies the drone: setpoints of a client, or the planner on board."""
+"""Arbitration between setpoints of a client and the planner on board."""
 
 from plants.crazyflie.emulator.planner import Planner
 from plants.crazyflie.emulator.setpoints import STOP, FirmwareSetpoint
 
 
 class Commander:
-    """Keeps the setpoint that is followed, and when it came.
+    """Present setpoint and its instant.
 
-    A client's setpoint takes over from the planner and stops it, and the planner stays without a say until the client
-    gives up its priority. Then the planner's setpoints are followed again; while it has no plan, it stops the motors.
+    A client's setpoint takes over from the planner and stops it; the planner is ignored until the client gives up its
+    priority. Then the planner's setpoints are followed again; without a plan it stops the motors.
 
     Args:
-        planner: The planner on board.
+        planner: Planner on board.
 
     Attributes:
-        setpoint: What is followed.
-        since: When it came, ms.
+        setpoint: Present setpoint.
+        since: Instant of the present setpoint, ms.
 
     Source: crazyflie-firmware, documentation "The Commander Framework", pull requests 903 and 1298.
     """
@@ -27,16 +27,16 @@ class Commander:
         self._client = False
 
     def follow(self, setpoint: FirmwareSetpoint, now: int) -> None:
-        """A client's setpoint, at `now`, ms."""
+        """Follow a client's setpoint from `now`, ms, on."""
         self.setpoint, self.since, self._client = setpoint, now, True
         self._planner.stop()
 
     def relax(self) -> None:
-        """The client leaves it to the planner."""
+        """Give up the client's priority over the planner."""
         self._client = False
 
     def step(self, now: int) -> None:
-        """Ask the planner, if it has a say, for a setpoint at `now`, ms."""
+        """Advance the planner to `now`, ms; follow its setpoint unless the client has priority."""
         setpoint = self._planner.setpoint(now)
         if not self._client:
             self.setpoint, self.since = setpoint, now

@@ -1,4 +1,4 @@
-"""What a person, or a test, says to emulated drones while they run: one line, one answer."""
+"""Text commands to running emulated drones: one line, one answer."""
 
 import json
 import math
@@ -11,45 +11,45 @@ from plants.crazyflie.emulator.drone import Drone
 from plants.crazyflie.emulator.truth import rounded
 
 ENDLESS = float("inf")
-STATIONS_MAX = 16  # base stations that Lighthouse knows
+STATIONS_MAX = 16  # base stations of a Lighthouse system
 
 
-class Misunderstood(ValueError):
-    """A line that is no command. The message says what is."""
+class CommandError(ValueError):
+    """Line that is not a command; the message says what is expected."""
 
 
 class Verb(NamedTuple):
-    """One command.
+    """One kind of command.
 
     Attributes:
-        usage: What follows the word, for people.
-        run: Does it to a drone at a time, s, and returns what to answer.
+        usage: Arguments of the command, as help text.
+        run: Executes the command on a drone at an instant, s, and returns the answer.
     """
 
     usage: str
     run: Callable[[Drone, float, list[str]], str]
 
 
-def obey(line: str, drones: Mapping[int, Drone], now: float) -> str:
-    """Do what a line says, at `now`, s: ``DRONE VERB [VALUE ...]``, with 'all' for all drones.
+def execute(line: str, drones: Mapping[int, Drone], now: float) -> str:
+    """Execute a line at `now`, s: ``DRONE VERB [VALUE ...]``, with 'all' for all drones.
 
     Returns:
-        The answer: 'ok' and what was done.
+        The answer: 'ok' and the line, or the states of the drones.
 
     Raises:
-        Misunderstood: It is no command.
+        CommandError: The line is not a command.
     """
     words = line.split()
     if len(words) < 2 or words[1] not in VERBS:
-        raise Misunderstood(f"expected DRONE {'|'.join(VERBS)}, not {line.strip()!r}")
+        raise CommandError(f"expected DRONE {'|'.join(VERBS)}, not {line.strip()!r}")
     chosen = list(drones.items()) if words[0] == "all" else [(i, d) for i, d in drones.items() if str(i) == words[0]]
     if not chosen:
-        raise Misunderstood(f"there is no drone {words[0]}; there are {', '.join(map(str, drones))}")
+        raise CommandError(f"there is no drone {words[0]}; there are {', '.join(map(str, drones))}")
     verb = VERBS[words[1]]
     try:
         answers = [verb.run(drone, now, words[2:]) for _, drone in chosen]
     except (ValueError, IndexError) as error:
-        raise Misunderstood(f"expected DRONE {words[1]} {verb.usage}, not {line.strip()!r}") from error
+        raise CommandError(f"expected DRONE {words[1]} {verb.usage}, not {line.strip()!r}") from error
     return " ".join(answers) if words[1] == "state" else f"ok {line.strip()}"
 
 
@@ -89,12 +89,12 @@ def _tumble(drone: Drone, now: float, words: list[str]) -> str:  # noqa: ARG001
 
 
 def _variance(drone: Drone, now: float, words: list[str]) -> str:  # noqa: ARG001
-    drone.firmware.belief.fixed_variance = None if words[0] == "off" else _number(words[0], least=0.0)
+    drone.firmware.estimator.fixed_variance = None if words[0] == "off" else _number(words[0], least=0.0)
     return ""
 
 
 def _freeze(drone: Drone, now: float, words: list[str]) -> str:  # noqa: ARG001
-    drone.firmware.belief.frozen = _switched_on(words)
+    drone.firmware.estimator.frozen = _switched_on(words)
     return ""
 
 
@@ -134,10 +134,10 @@ def _state(drone: Drone, now: float, words: list[str]) -> str:  # noqa: ARG001
 
 
 def _switched_on(words: list[str]) -> bool:
-    """Whether 'on' is said, or nothing.
+    """Return whether the argument is 'on' or missing.
 
     Raises:
-        ValueError: Something else is said.
+        ValueError: The argument is neither 'on' nor 'off'.
     """
     if words not in ([], ["on"], ["off"]):
         raise ValueError(words)
@@ -145,10 +145,10 @@ def _switched_on(words: list[str]) -> bool:
 
 
 def _number(word: str, least: float = -ENDLESS, most: float = ENDLESS) -> float:
-    """A finite number in a range.
+    """Read a finite number within a range.
 
     Raises:
-        ValueError: It is none.
+        ValueError: The word is not such a number.
     """
     number = float(word)
     if not math.isfinite(number) or not least <= number <= most:

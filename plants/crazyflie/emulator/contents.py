@@ -1,33 +1,46 @@
-"""What is in the tables: the variables of the log and the parameters, by the names that the firmware gives them."""
+"""Contents of the tables: log variables and parameters, with the names of the real firmware."""
 
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TypeAlias
 
+from plants.crazyflie.emulator.battery import Battery
+from plants.crazyflie.emulator.body import Body
+from plants.crazyflie.emulator.estimator import StateEstimator
 from plants.crazyflie.emulator.log_blocks import Variable
+from plants.crazyflie.emulator.memories import Lighthouse
 from plants.crazyflie.emulator.parameters import FirmwareParameter
 
-if TYPE_CHECKING:
-    from plants.crazyflie.emulator.firmware import Firmware
-
-Logged: TypeAlias = tuple[str, Callable[[], float]]  # how it is stored, and its value
+Logged: TypeAlias = tuple[str, Callable[[], float]]  # storage format, and function that returns the value
 
 RSSI = 45  # -dBm
 LIGHTHOUSE_METHOD, KALMAN, PID = 1, 2, 1
 READY_TIMEOUT, LANDED_TIMEOUT = 30000, 3000  # ms
 
 
-def variables_of(drone: "Firmware") -> list[Variable]:
-    """All variables of the log. Angles are in deg, pitch positive nose up; what ends in Z is in mm and mm/s."""
+def variables_of(
+    body: Body, estimator: StateEstimator, battery: Battery, lighthouse: Lighthouse, bits: Callable[[], int]
+) -> list[Variable]:
+    """Return all variables of the log, which read the given parts of a drone.
+
+    Angles are in deg, pitch positive nose up; group stateEstimateZ is in mm and mm/s.
+
+    Args:
+        body: Body of the drone.
+        estimator: Its state estimator.
+        battery: Its battery.
+        lighthouse: Its Lighthouse deck.
+        bits: Returns the bits of supervisor and planner.
+    """
 
     def estimate(component: int, scale: float = 1.0) -> float:
-        return float(drone.belief.estimate[component]) * scale
+        return float(estimator.estimate[component]) * scale
 
     def angle(axis: int) -> float:
-        return math.degrees(drone.body.angles[axis]) * (-1.0 if axis == 1 else 1.0)
+        return math.degrees(body.angles[axis]) * (-1.0 if axis == 1 else 1.0)
 
     def motor(number: int) -> float:
-        return float(drone.body.motors[number])
+        return float(body.motors[number])
 
     attitude: dict[str, Logged] = {
         "roll": ("f", lambda: angle(0)),
@@ -52,25 +65,25 @@ def variables_of(drone: "Firmware") -> list[Variable]:
             "vy": ("h", lambda: estimate(4, 1e3)),
             "vz": ("h", lambda: estimate(5, 1e3)),
         },
-        "stabilizer": {**attitude, "thrust": ("f", lambda: float(drone.body.motors.mean()))},
+        "stabilizer": {**attitude, "thrust": ("f", lambda: float(body.motors.mean()))},
         "kalman": {
-            "varPX": ("f", lambda: drone.belief.variance),
-            "varPY": ("f", lambda: drone.belief.variance),
-            "varPZ": ("f", lambda: drone.belief.variance),
+            "varPX": ("f", lambda: estimator.variance),
+            "varPY": ("f", lambda: estimator.variance),
+            "varPZ": ("f", lambda: estimator.variance),
             "stateX": ("f", lambda: estimate(0)),
             "stateY": ("f", lambda: estimate(1)),
             "stateZ": ("f", lambda: estimate(2)),
         },
         "gyro": {
-            "x": ("f", lambda: math.degrees(drone.body.rates[0])),
-            "y": ("f", lambda: math.degrees(drone.body.rates[1])),
-            "z": ("f", lambda: math.degrees(drone.body.rates[2])),
+            "x": ("f", lambda: math.degrees(body.rates[0])),
+            "y": ("f", lambda: math.degrees(body.rates[1])),
+            "z": ("f", lambda: math.degrees(body.rates[2])),
         },
         "pm": {
-            "vbat": ("f", lambda: drone.battery.voltage),
-            "vbatMV": ("H", lambda: drone.battery.voltage * 1e3),
-            "state": ("b", lambda: drone.battery.state),
-            "batteryLevel": ("B", lambda: drone.battery.level),
+            "vbat": ("f", lambda: battery.voltage),
+            "vbatMV": ("H", lambda: battery.voltage * 1e3),
+            "state": ("b", lambda: battery.state),
+            "batteryLevel": ("B", lambda: battery.level),
         },
         "radio": {"rssi": ("B", lambda: RSSI)},
         "motor": {
@@ -80,20 +93,20 @@ def variables_of(drone: "Firmware") -> list[Variable]:
             "m4": ("H", lambda: motor(3)),
         },
         "sys": {
-            "canfly": ("B", lambda: drone.bits >> 3 & 1),
-            "isFlying": ("B", lambda: drone.bits >> 4 & 1),
-            "isTumbled": ("B", lambda: drone.bits >> 5 & 1),
+            "canfly": ("B", lambda: bits() >> 3 & 1),
+            "isFlying": ("B", lambda: bits() >> 4 & 1),
+            "isTumbled": ("B", lambda: bits() >> 5 & 1),
         },
-        "supervisor": {"info": ("H", lambda: drone.bits)},
+        "supervisor": {"info": ("H", bits)},
         "lighthouse": {
-            "bsReceive": ("H", lambda: drone.lighthouse.received),
-            "bsActive": ("H", lambda: drone.lighthouse.active),
+            "bsReceive": ("H", lambda: lighthouse.received),
+            "bsActive": ("H", lambda: lighthouse.active),
             "bsAvailable": ("H", lambda: 0xFFFF),
-            "bsGeoVal": ("H", lambda: drone.lighthouse.geometries),
-            "bsCalVal": ("H", lambda: drone.lighthouse.calibrations),
+            "bsGeoVal": ("H", lambda: lighthouse.geometries),
+            "bsCalVal": ("H", lambda: lighthouse.calibrations),
             "bsCalUd": ("H", lambda: 0),
-            "bsCalCon": ("H", lambda: drone.lighthouse.received),
-            "status": ("B", lambda: drone.lighthouse.status),
+            "bsCalCon": ("H", lambda: lighthouse.received),
+            "status": ("B", lambda: lighthouse.status),
         },
     }
 
@@ -104,23 +117,30 @@ def variables_of(drone: "Firmware") -> list[Variable]:
     ]
 
 
-def parameters_of(drone: "Firmware") -> list[FirmwareParameter]:
-    """All parameters. Most of them change nothing; those that do have a function."""
+def parameters_of(
+    *, reset_estimator: Callable[[], None], stop: Callable[[], None], arm: Callable[[bool], object]
+) -> list[FirmwareParameter]:
+    """Return all parameters. Most of them have no effect.
 
-    def reset(value: float) -> None:
+    Args:
+        reset_estimator: Called when kalman.resetEstimation is set to a value other than 0.
+        stop: Called when stabilizer.stop is set to a value other than 0.
+        arm: Called with each value of system.arm and system.forceArm.
+    """
+
+    def set_reset(value: float) -> None:
         if value:
-            drone.belief.reset()
-            drone.parameters.reset("kalman.resetEstimation")
+            reset_estimator()
 
-    def stop(value: float) -> None:
+    def set_stop(value: float) -> None:
         if value:
-            drone.stop()
+            stop()
 
-    def arm(value: float) -> None:
-        drone.arm(bool(value))
+    def set_arm(value: float) -> None:
+        arm(bool(value))
 
     return [
-        FirmwareParameter("kalman.resetEstimation", "B", 0, changed=reset),
+        FirmwareParameter("kalman.resetEstimation", "B", 0, changed=set_reset),
         FirmwareParameter("kalman.initialX", "f", 0),
         FirmwareParameter("kalman.initialY", "f", 0),
         FirmwareParameter("kalman.initialZ", "f", 0),
@@ -128,14 +148,14 @@ def parameters_of(drone: "Firmware") -> list[FirmwareParameter]:
         FirmwareParameter("kalman.robustTdoa", "B", 0),
         FirmwareParameter("stabilizer.estimator", "B", KALMAN),
         FirmwareParameter("stabilizer.controller", "B", PID),
-        FirmwareParameter("stabilizer.stop", "B", 0, changed=stop),
+        FirmwareParameter("stabilizer.stop", "B", 0, changed=set_stop),
         FirmwareParameter("commander.enHighLevel", "B", 0),
         FirmwareParameter("supervisor.infdmp", "B", 0),
         FirmwareParameter("supervisor.prefltTimeout", "H", READY_TIMEOUT),
         FirmwareParameter("supervisor.landedTimeout", "H", LANDED_TIMEOUT),
         FirmwareParameter("supervisor.tmblChckEn", "B", 1),
-        FirmwareParameter("system.arm", "b", 0, changed=arm),
-        FirmwareParameter("system.forceArm", "b", 0, changed=arm),
+        FirmwareParameter("system.arm", "b", 0, changed=set_arm),
+        FirmwareParameter("system.forceArm", "b", 0, changed=set_arm),
         FirmwareParameter("flightmode.althold", "B", 0),
         FirmwareParameter("flightmode.poshold", "B", 0),
         FirmwareParameter("flightmode.posSet", "B", 0),

@@ -1,4 +1,4 @@
-"""One emulated drone: firmware, radio and port, in real time."""
+"""One emulated drone in real time: firmware, radio and endpoint."""
 
 import errno
 
@@ -11,19 +11,17 @@ from plants.crazyflie.emulator.radio import Radio
 
 
 class Drone:
-    """Brings packets and time to the firmware, in the order in which they come.
+    """Emulated drone: passes packets and time to the firmware in chronological order.
 
-    Time is that of the monotonic clock since `begin`, s. The firmware flies it slot by slot; where the process was held
-    up, it catches up, and packets act where they arrived. So its watchdogs count what it has flown, whatever else the
-    machine has to do.
+    Time is that of the monotonic clock since `begin`, s. The firmware advances slot by slot. After a delay of the
+    process it catches up, and packets take effect at the instants of their arrival; so the firmware's watchdogs count
+    simulated time, independently of the load of the machine. Recorded events are "link lost" and "link back".
 
     Args:
-        firmware: What answers and flies.
-        radio: What is between it and the client.
-        endpoint: Where the client is.
+        firmware: Firmware of the drone.
+        radio: Radio link between the drone and the client.
+        endpoint: Socket for the client.
         begin: Instant of the monotonic clock, s, that is time 0.
-
-    It records the events "link lost" and "link back".
 
     Raises:
         OSError: The port is taken.
@@ -38,54 +36,54 @@ class Drone:
 
     @property
     def next(self) -> float:
-        """When there is something to do, if nothing comes, s."""
+        """Instant at which the drone has to run next if no packet is received, s."""
         instants = (self.firmware.now * 1e-3, self.radio.up.next, self.radio.down.next)
         return min(instant for instant in instants if instant is not None)
 
     def run(self, until: float) -> None:
-        """Take in what has come, fly, and send, up to `until`, s."""
+        """Handle received packets, simulate and send, up to `until`, s."""
         for came, wire in self.endpoint.receive():
-            got = packet(wire)
-            if got is not None and (got.port, got.channel) == (LINK, SOURCE):
+            packet_in = packet(wire)
+            if packet_in is not None and (packet_in.port, packet_in.channel) == (LINK, SOURCE):
                 self.radio.connected = False  # a client begins to connect
             self.radio.send_up(min(until, max(0.0, came - self._begin)), wire)
         while (now := self.firmware.now * 1e-3) <= until:
-            self._take_in(now)
+            self._deliver(now)
             for each in self.firmware.step():
                 self.radio.send_down(now + SLOT, each.wire)
-        self._take_in(until)
-        for _, wire in self.radio.down.arrive(until):
+        self._deliver(until)
+        for _, wire in self.radio.down.pop_due(until):
             self.endpoint.send(wire)
-        self._heed_the_link(until)
+        self._update_link(until)
 
     def restore(self, now: float) -> None:
-        """Bring the link back at `now`, s, if it was cut; it is back on return."""
+        """Restore a link that was cut, at `now`, s; it works on return."""
         self.radio.restore(now)
-        self._heed_the_link(now)
+        self._update_link(now)
 
-    def _take_in(self, now: float) -> None:
-        """Hand over all packets that have arrived by `now`, s."""
-        for arrived, wire in self.radio.up.arrive(now):
-            got = packet(wire)
-            if got is None:
+    def _deliver(self, now: float) -> None:
+        """Pass all packets that have arrived by `now`, s, to the firmware, and send its answers."""
+        for arrived, wire in self.radio.up.pop_due(now):
+            packet_in = packet(wire)
+            if packet_in is None:
                 continue
-            for answer in self.ports.receive(got):
+            for answer in self.ports.receive(packet_in):
                 self.radio.send_down(arrived, answer.wire)
-            if got.port == PARAM and self.firmware.parameters.is_last(got.channel, got.data):
+            if packet_in.port == PARAM and self.firmware.parameters.is_last(packet_in.channel, packet_in.data):
                 self.radio.connected = True
 
-    def _heed_the_link(self, now: float) -> None:
-        """Tell the client of a lost link as its radio would, where that is possible."""
+    def _update_link(self, now: float) -> None:
+        """Make a change of the link visible to the client, as its radio would, if that is possible."""
         lost = self.radio.lost(now)
         if lost and not self._lost:
-            self.radio.forget()
+            self.radio.clear()
             self.endpoint.lose()
             self.firmware.event("link lost")
         elif self._lost and not lost:
             try:
                 self.endpoint.open()
             except OSError as error:
-                if error.errno == errno.EADDRINUSE:  # somebody else has the port for now
+                if error.errno == errno.EADDRINUSE:  # another process has the port at present
                     return
                 raise
             self.firmware.event("link back")

@@ -1,4 +1,4 @@
-"""Where a client reaches a drone: a UDP port, or a TCP port with frames of CPX."""
+"""Sockets for clients of a drone: a UDP port, or a TCP port with CPX frames."""
 
 import contextlib
 import socket
@@ -8,23 +8,23 @@ from abc import ABC, abstractmethod
 
 from plants.crazyflie.emulator.crtp import DATA_MAX, NULL
 
-STAMPED = getattr(socket, "SO_TIMESTAMPNS", 35)  # Linux stamps what arrives, so that a busy process knows when it came
+STAMPED = getattr(socket, "SO_TIMESTAMPNS", 35)  # Linux time stamps: instants of reception even in a busy process
 ROOM = 64  # bytes for a datagram
-DRONE, HOST, CRTP = 1, 3, 3  # CPX: the drone's processor, the client, and what a frame is about
+DRONE, HOST, CRTP = 1, 3, 3  # CPX: addresses of the drone's processor and of the client; function of a frame
 FRAME_MAX = 1024
 
 
 class Endpoint(ABC):
-    """What a client connects to; one client at a time, the newest."""
+    """Socket for one client at a time, the newest."""
 
     @property
     @abstractmethod
     def uri(self) -> str:
-        """What a client connects with."""
+        """URI for clients."""
 
     @abstractmethod
     def open(self) -> None:
-        """Be there for clients. Safe to call twice.
+        """Open the port. Safe to call twice.
 
         Raises:
             OSError: The port is taken.
@@ -32,18 +32,18 @@ class Endpoint(ABC):
 
     @abstractmethod
     def close(self) -> None:
-        """Be gone. Safe to call twice."""
+        """Close the port. Safe to call twice."""
 
     def lose(self) -> None:
-        """Let the client find out that the link is lost, where it can; `open` ends it."""
+        """Make the loss of the link visible to the client, if possible, until `open` is called."""
 
     @abstractmethod
     def sockets(self) -> list[socket.socket]:
-        """What to wait for."""
+        """Return the sockets to wait for."""
 
     @abstractmethod
     def receive(self) -> list[tuple[float, bytes]]:
-        """All packets that have come, with the instant of the monotonic clock, s."""
+        """Return all received packets, each with its instant of the monotonic clock, s."""
 
     @abstractmethod
     def send(self, wire: bytes) -> None:
@@ -51,11 +51,11 @@ class Endpoint(ABC):
 
 
 class Udp(Endpoint):
-    """One datagram is one packet. Who sends last is the client.
+    """UDP port: one datagram is one packet. The client is the last sender.
 
     Args:
-        host: Own address.
-        port: Own port; 0 takes a free one.
+        host: Address to listen on.
+        port: Port to listen on; 0 takes a free one.
     """
 
     def __init__(self, host: str, port: int) -> None:
@@ -65,11 +65,11 @@ class Udp(Endpoint):
 
     @property
     def uri(self) -> str:
-        """What a client connects with."""
+        """URI for clients."""
         return f"udp://{self._address[0]}:{self._address[1]}"
 
     def open(self) -> None:
-        """Take the port."""
+        """Open the port."""
         if self._socket is not None:
             return
         made = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -84,22 +84,22 @@ class Udp(Endpoint):
         self._socket, self._address = made, made.getsockname()
 
     def close(self) -> None:
-        """Give the port back."""
+        """Close the port."""
         if self._socket is not None:
             self._socket.close()
         self._socket = self._client = None
 
     def lose(self) -> None:
-        """Give the port back: the system tells a client that sends to it that nobody is there."""
+        """Close the port: a client that sends then gets an error from the operating system."""
         self.close()
 
     def sockets(self) -> list[socket.socket]:
-        """The socket, if the port is taken."""
+        """Return the socket, if the port is open."""
         return [] if self._socket is None else [self._socket]
 
     def receive(self) -> list[tuple[float, bytes]]:
-        """All datagrams that have come. A question whether somebody is there is answered on the spot."""
-        came = []
+        """Return all received datagrams. Probes are answered immediately."""
+        received = []
         while self._socket is not None:
             try:
                 wire, ancillary, _, sender = self._socket.recvmsg(ROOM, ROOM)
@@ -112,39 +112,39 @@ class Udp(Endpoint):
                     self._socket.sendto(wire, sender)
                 continue
             self._client = sender
-            came.append((_instant(ancillary), wire))
-        return came
+            received.append((_instant(ancillary), wire))
+        return received
 
     def send(self, wire: bytes) -> None:
-        """Send a datagram. If the client has gone, so is the packet."""
+        """Send a datagram; it is lost if the client has gone."""
         if self._socket is not None and self._client is not None:
             with contextlib.suppress(BlockingIOError, ConnectionError):
                 self._socket.sendto(wire, self._client)
 
 
 class Tcp(Endpoint):
-    """Packets in frames of CPX: the length of what follows in two bytes, who to whom, about what, and the packet.
+    """TCP port with CPX frames: two bytes for the length of the rest, one for the addresses, the function, the packet.
 
-    A lost link only falls silent: where the connection is closed on it, cflib 0.1.34 spins in its reading thread.
+    A lost link only falls silent: when the peer closes the connection, the reading thread of cflib 0.1.34 spins.
 
     Args:
-        host: Own address.
-        port: Own port; 0 takes a free one.
+        host: Address to listen on.
+        port: Port to listen on; 0 takes a free one.
     """
 
     def __init__(self, host: str, port: int) -> None:
         self._address = (host, port)
         self._listening: socket.socket | None = None
         self._client: socket.socket | None = None
-        self._came, self._going = bytearray(), bytearray()
+        self._received, self._outgoing = bytearray(), bytearray()
 
     @property
     def uri(self) -> str:
-        """What a client connects with."""
+        """URI for clients."""
         return f"tcp://{self._address[0]}:{self._address[1]}"
 
     def open(self) -> None:
-        """Take the port."""
+        """Open the port."""
         if self._listening is not None:
             return
         self._listening = socket.create_server(self._address)
@@ -152,19 +152,19 @@ class Tcp(Endpoint):
         self._address = self._listening.getsockname()
 
     def close(self) -> None:
-        """Give the port back, and end the connection."""
+        """Close the port and the connection."""
         for each in (self._listening, self._client):
             if each is not None:
                 each.close()
         self._listening = self._client = None
 
     def sockets(self) -> list[socket.socket]:
-        """Where clients come in, and the one that is there."""
+        """Return the listening socket and the client's."""
         return [each for each in (self._listening, self._client) if each is not None]
 
     def receive(self) -> list[tuple[float, bytes]]:
-        """All packets in complete frames; frames about something else are dropped."""
-        self._welcome()
+        """Return all packets in complete frames; frames with another function are dropped."""
+        self._accept()
         while self._client is not None:
             try:
                 data = self._client.recv(4096)
@@ -175,35 +175,35 @@ class Tcp(Endpoint):
             if not data:
                 self._client.close()
                 self._client = None
-            self._came += data
+            self._received += data
         packets, now = [], time.monotonic()
-        while len(self._came) >= 2:
-            (length,) = struct.unpack_from("<H", self._came)
-            if length > FRAME_MAX:  # out of step: there is no way back into it
-                self._came.clear()
-            if len(self._came) < 2 + length:
+        while len(self._received) >= 2:
+            (length,) = struct.unpack_from("<H", self._received)
+            if length > FRAME_MAX:  # frame boundaries are lost for good
+                self._received.clear()
+            if len(self._received) < 2 + length:
                 break
-            frame = bytes(self._came[2 : 2 + length])
-            del self._came[: 2 + length]
+            frame = bytes(self._received[2 : 2 + length])
+            del self._received[: 2 + length]
             if len(frame) > 2 and frame[1] & 0x3F == CRTP:
                 packets.append((now, frame[2 : 3 + 2 + DATA_MAX]))
         return packets
 
     def send(self, wire: bytes) -> None:
-        """Send a frame; what does not fit waits for the next."""
+        """Send a frame; bytes that do not fit into the socket's buffer wait for the next call."""
         if self._client is None:
             return
-        self._going += struct.pack("<HBB", 2 + len(wire), DRONE << 3 | HOST, CRTP) + wire
+        self._outgoing += struct.pack("<HBB", 2 + len(wire), DRONE << 3 | HOST, CRTP) + wire
         try:
-            sent = self._client.send(self._going)
+            sent = self._client.send(self._outgoing)
         except BlockingIOError:
             return
         except ConnectionError:
-            sent = len(self._going)
-        del self._going[:sent]
+            sent = len(self._outgoing)
+        del self._outgoing[:sent]
 
-    def _welcome(self) -> None:
-        """Take in a new client, in place of the last."""
+    def _accept(self) -> None:
+        """Accept a new client, in place of the last."""
         with contextlib.suppress(BlockingIOError):
             if self._listening is not None:
                 client, _ = self._listening.accept()
@@ -212,12 +212,12 @@ class Tcp(Endpoint):
                 client.setblocking(False)
                 client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
                 self._client = client
-                self._came.clear()
-                self._going.clear()
+                self._received.clear()
+                self._outgoing.clear()
 
 
 def _instant(ancillary: list[tuple[int, int, bytes]]) -> float:
-    """The instant of the monotonic clock at which a datagram came, by the system's stamp if there is one."""
+    """Return the instant of reception on the monotonic clock, s, from the system's time stamp if there is one."""
     now = time.monotonic()
     for level, kind, data in ancillary:
         if level == socket.SOL_SOCKET and kind == STAMPED and len(data) >= 16:

@@ -1,4 +1,4 @@
-"""Emulated drones, put together."""
+"""Composition of emulated drones."""
 
 import time
 from collections.abc import Mapping, Sequence
@@ -13,23 +13,23 @@ from dcf_zenoh.plant import Array
 from plants.crazyflie.emulator.drone import Drone
 from plants.crazyflie.emulator.endpoint import Endpoint, Tcp, Udp
 from plants.crazyflie.emulator.firmware import Firmware
-from plants.crazyflie.emulator.radio import Air, Radio
+from plants.crazyflie.emulator.radio import Radio, RadioConditions
 from plants.crazyflie.emulator.truth import Truth
 from plants.crazyflie.model.vehicle import read
 from plants.sensing import LIGHTHOUSE
 
-PORT = 19850  # where clients look for the first drone over UDP
+PORT = 19850  # default UDP port of the first drone
 
 
 class Place(NamedTuple):
-    """Where a drone stands and listens.
+    """Initial pose and endpoint of a drone.
 
     Attributes:
-        position: m, shape (2,).
-        yaw: rad.
-        host: Its own address.
-        port: 0 takes a free one.
-        tcp: It listens for TCP instead of UDP.
+        position: Initial position, shape (2,), m.
+        yaw: Initial heading, rad.
+        host: Address to listen on.
+        port: Port to listen on; 0 takes a free one.
+        tcp: Listen for TCP instead of UDP.
     """
 
     position: Array
@@ -40,28 +40,28 @@ class Place(NamedTuple):
 
     @property
     def endpoint(self) -> Endpoint:
-        """Where it listens."""
+        """Endpoint, not open yet."""
         return Tcp(self.host, self.port) if self.tcp else Udp(self.host, self.port)
 
 
 class Emulation:
-    """Drones that have begun to live; they go on in `serve`.
+    """Emulated drones, ready for `serve`.
 
     Args:
-        places: Number -> where each stands and listens.
+        places: Number -> initial pose and endpoint.
         parameters: Name of a file in `plants/crazyflie/parameters`.
         sensing: "lighthouse" or "perfect".
-        air: How the radio behaves.
-        truth: Folder for what they really do: ``drone-N.jsonl``. None: nothing is kept.
-        seed: Of all errors and delays.
+        conditions: Properties of the radio links.
+        truth: Folder for records of the true flights, ``drone-N.jsonl``; None: nothing is recorded.
+        seed: Seed of all errors and delays.
 
     Attributes:
-        drones: By number.
-        begin: Instant of the monotonic clock, s, that is their time 0.
+        drones: Number -> drone.
+        begin: Instant of the monotonic clock, s, that is time 0 of the drones.
 
     Raises:
         ValueError: There are no such parameters.
-        OSError: A port is taken; the URI is its file name.
+        OSError: A port is taken; the `filename` of the error is the URI.
     """
 
     def __init__(
@@ -70,7 +70,7 @@ class Emulation:
         *,
         parameters: str = "forster2015",
         sensing: str = "lighthouse",
-        air: Air | None = None,
+        conditions: RadioConditions | None = None,
         truth: Path | None = None,
         seed: int = 0,
     ) -> None:
@@ -86,8 +86,8 @@ class Emulation:
                 kept = self._stack.enter_context(Truth(truth / f"drone-{number}.jsonl" if truth else None))
                 sensor = LIGHTHOUSE if sensing == "lighthouse" else None
                 firmware = Firmware(vehicle, place.position, place.yaw, sensor=sensor, rng=rng, truth=kept)
-                firmware.step()  # compiles, or loads what is compiled
-                made[number] = firmware, Radio(air or Air(), radio_rng), place.endpoint
+                firmware.step()  # compiles, or loads the compiled functions
+                made[number] = firmware, Radio(conditions or RadioConditions(), radio_rng), place.endpoint
             self.begin = time.monotonic()
             for number, (firmware, radio, endpoint) in made.items():
                 self._stack.callback(endpoint.close)
@@ -106,8 +106,8 @@ class Emulation:
         self._stack.close()
 
 
-def around(count: int) -> Sequence[Array]:
-    """Where `count` drones stand if nobody says so: (0, 1), (0, -1), (1, 0), (-1, 0), then on a circle of 2 m, m."""
+def default_positions(count: int) -> Sequence[Array]:
+    """Return default positions, m: (0, 1), (0, -1), (1, 0), (-1, 0), and further ones on a circle of radius 2 m."""
     cross = [(0.0, 1.0), (0.0, -1.0), (1.0, 0.0), (-1.0, 0.0)][:count]
     more = max(0, count - len(cross))
     circle = [(2 * np.cos(2 * np.pi * k / more), 2 * np.sin(2 * np.pi * k / more)) for k in range(more)]

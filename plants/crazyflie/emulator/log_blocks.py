@@ -1,4 +1,4 @@
-"""The log: blocks of variables that the drone sends again and again."""
+"""Log of the firmware: blocks of variables that the drone sends periodically."""
 
 import errno
 import struct
@@ -11,18 +11,18 @@ from plants.crazyflie.emulator.tables import Toc, TocEntry
 TABLE, CONTROL, DATA = 0, 1, 2  # channels
 DELETE, START, STOP, RESET, CREATE, APPEND = 2, 3, 4, 5, 6, 7
 BLOCKS_MAX, VARIABLES_MAX, BYTES_MAX = 16, 128, 26
-UNIT = 10  # ms; of a block's period
+UNIT = 10  # ms; unit of a block's period
 CODES = {"B": 1, "H": 2, "I": 3, "b": 4, "h": 5, "i": 6, "f": 7, "e": 8}
 LAYOUTS = {code: layout for layout, code in CODES.items()}
 
 
 class Variable(NamedTuple):
-    """A variable of the log.
+    """Variable of the log.
 
     Attributes:
-        name: 'group.name'.
-        layout: How it is stored, a letter of `struct` among `CODES`.
-        value: What it is now.
+        name: Name as 'group.name'.
+        layout: Storage format, a letter of `struct` among `CODES`.
+        value: Function that returns the present value.
     """
 
     name: str
@@ -31,28 +31,28 @@ class Variable(NamedTuple):
 
 
 class Block:
-    """What is sent together, and how often."""
+    """Variables that are sent together, and their period."""
 
     def __init__(self) -> None:
-        self.fetched: list[tuple[Variable, str]] = []  # with the layout that the client wants
-        self.period = 0  # ms; 0 while it is stopped
+        self.fetched: list[tuple[Variable, str]] = []  # with the format requested by the client
+        self.period = 0  # ms; 0 while stopped
         self.due = 0  # ms
 
     @property
     def size(self) -> int:
-        """Bytes of its values."""
+        """Size of the values, in bytes."""
         return struct.calcsize("<" + "".join(layout for _, layout in self.fetched))
 
     def values(self) -> bytes:
-        """All values now, packed as the client wants them."""
+        """Return all present values, packed in the requested formats."""
         return b"".join(_packed(layout, variable.value()) for variable, layout in self.fetched)
 
 
 class LogBlocks:
-    """The part of the firmware that logs.
+    """Logging service of the firmware.
 
     Args:
-        variables: All that there are.
+        variables: All variables of the log.
     """
 
     def __init__(self, variables: Sequence[Variable]) -> None:
@@ -62,7 +62,7 @@ class LogBlocks:
         self._blocks: dict[int, Block] = {}
 
     def receive(self, channel: int, data: bytes, now: int) -> list[Packet]:
-        """Answer a packet that came at `now`, ms."""
+        """Handle a packet received at `now`, ms; return the answers."""
         if channel == TABLE:
             return self._table.answer(data)
         if channel != CONTROL:
@@ -74,7 +74,7 @@ class LogBlocks:
         return [Packet(LOG, CONTROL, bytes((data[0], data[1], error)))]
 
     def due(self, now: int) -> list[Packet]:
-        """The blocks that are due at `now`, ms, in a packet each."""
+        """Return one packet for each block that is due at `now`, ms."""
         packets = []
         for number, block in self._blocks.items():
             if block.period and now >= block.due:
@@ -84,7 +84,7 @@ class LogBlocks:
         return packets
 
     def _change(self, command: int, number: int, rest: bytes, now: int) -> int:
-        """Carry out a command on one block; its error number, 0 if there is none."""
+        """Execute a command on one block; return its error number, 0 for success."""
         if command == CREATE:
             return self._create(number, rest)
         block = self._blocks.get(number)
@@ -129,7 +129,7 @@ class LogBlocks:
 
 
 def _packed(layout: str, value: float) -> bytes:
-    """A value in some layout; a whole number wraps around, as it does in C."""
+    """Pack a value; whole numbers wrap around, as in C."""
     if layout in "fe":
         return struct.pack("<" + layout, value)
     size = struct.calcsize(layout)

@@ -1,4 +1,4 @@
-"""Memories of the drone that a client reads and writes. There is one: geometry and calibration of base stations."""
+"""Memories of the drone that clients read and write; the only one has geometry and calibration of base stations."""
 
 import errno
 import struct
@@ -9,21 +9,21 @@ from plants.crazyflie.emulator.crtp import LOCALISATION, MEMORY, Packet
 INFORMATION, READ, WRITE = 0, 1, 2  # channels
 COUNT, DETAILS = 1, 2
 LIGHTHOUSE = 0x14  # type of the memory
-STATIONS = 16  # as many as any configuration of the firmware can have
-PAGE, CALIBRATIONS = 0x100, 0x1000  # bytes per base station; where calibrations begin
-GEOMETRY_SIZE, CALIBRATION_SIZE = 49, 61  # the last byte of each tells whether it is valid
+STATIONS = 16  # largest number in any configuration of the firmware
+PAGE, CALIBRATIONS = 0x100, 0x1000  # bytes per base station; first address of calibrations
+GEOMETRY_SIZE, CALIBRATION_SIZE = 49, 61  # the last byte of each is its validity
 SIZE = 0x2000
 PERSIST = 0x0B
 
 
 class Lighthouse:
-    """What the drone knows of base stations, and which of them it sees.
+    """Lighthouse deck: stored base stations, and those that are received.
 
     Args:
-        origins: Where those stand that it knows from the beginning, m; facing along x, with a calibration.
+        origins: Channel -> position, m, of the initially stored base stations; they face along x and are calibrated.
 
     Attributes:
-        received: Bits of the base stations whose light it sees.
+        received: Bits of the base stations whose light is received.
     """
 
     def __init__(self, origins: Mapping[int, tuple[float, float, float]]) -> None:
@@ -49,23 +49,23 @@ class Lighthouse:
 
     @property
     def active(self) -> int:
-        """Bits of the base stations that the estimator makes use of."""
+        """Bits of the base stations that the estimator uses."""
         return self.received & self.geometries & self.calibrations
 
     @property
     def status(self) -> int:
-        """0: no base station is seen; 1: something is missing of those that are; 2: all is well."""
+        """Status: 0, no base station is received; 1, none of the received ones is usable; 2, at least one is used."""
         return 2 if self.active else int(self.received > 0)
 
     def receive(self, channel: int, data: bytes) -> list[Packet]:
-        """Answer a packet on the port of memories."""
+        """Handle a packet on the port of memories; return the answers."""
         if channel == INFORMATION:
             return self._information(data)
         error, read = self._access(channel, data)
         return [Packet(MEMORY, channel, data[:5] + bytes((error,)) + read)]
 
     def persist(self, data: bytes) -> list[Packet]:
-        """Keep what is known of some base stations over a restart, as a packet on the port of localisation asks."""
+        """Store base stations over a restart, as requested by a packet on the port of localisation."""
         masks = struct.unpack("<HH", data[1:5])
         for begin, mask in zip((0, CALIBRATIONS), masks, strict=True):
             for page in (begin + PAGE * station for station in range(STATIONS) if mask >> station & 1):
@@ -73,7 +73,7 @@ class Lighthouse:
         return [Packet(LOCALISATION, 1, data[:1] + b"\1")]
 
     def restart(self) -> None:
-        """Know what was kept, and no more."""
+        """Restore the stored base stations."""
         self._pages = bytearray(self._stored)
 
     def _information(self, data: bytes) -> list[Packet]:
@@ -84,7 +84,7 @@ class Lighthouse:
         return [Packet(MEMORY, INFORMATION, data[:2])]
 
     def _access(self, channel: int, data: bytes) -> tuple[int, bytes]:
-        """Read or write; the error number, 0 if there is none, and what was read."""
+        """Read or write; return the error number, 0 for success, and the bytes read."""
         memory, address = struct.unpack("<BI", data[:5])
         written = data[5:] if channel == WRITE else b""
         end = address + (data[5] if channel == READ else len(written))

@@ -1,4 +1,4 @@
-"""Parameters: named values that a client can read and set."""
+"""Parameters of the firmware: named values that a client can read and set."""
 
 import errno
 import struct
@@ -9,23 +9,23 @@ from plants.crazyflie.emulator.crtp import PARAM, Packet
 from plants.crazyflie.emulator.tables import Toc, TocEntry
 
 TABLE, READ, WRITE, MISCELLANEOUS = 0, 1, 2, 3  # channels
-SET_BY_NAME, EXTENDED_TYPE, DEFAULT_VALUE = 0, 7, 8  # what is asked for on the last one
+SET_BY_NAME, EXTENDED_TYPE, DEFAULT_VALUE = 0, 7, 8  # requests on the last one
 CODES = {"b": 0, "h": 1, "i": 2, "f": 6, "B": 8, "H": 9, "I": 10}
 READ_ONLY = 0x40
 
 
 def _nothing(value: float) -> None:
-    """What follows when most parameters are set."""
+    """Ignore the value: most parameters have no effect."""
 
 
 class FirmwareParameter(NamedTuple):
-    """One parameter.
+    """Parameter of the firmware.
 
     Attributes:
-        name: 'group.name'.
-        layout: How it is stored, a letter of `struct` among `CODES`.
-        default: Its value after switching on.
-        fixed: It can only be read.
+        name: Name as 'group.name'.
+        layout: Storage format, a letter of `struct` among `CODES`.
+        default: Value after power-on.
+        fixed: The parameter is read-only.
         changed: Called with each value that is set.
     """
 
@@ -37,10 +37,10 @@ class FirmwareParameter(NamedTuple):
 
 
 class Parameters:
-    """The part of the firmware that keeps parameters.
+    """Parameter service of the firmware.
 
     Args:
-        parameters: All that there are.
+        parameters: All parameters.
     """
 
     def __init__(self, parameters: Sequence[FirmwareParameter]) -> None:
@@ -50,16 +50,16 @@ class Parameters:
         self._values = [p.default for p in parameters]
 
     def __getitem__(self, name: str) -> float:
-        """The value of 'group.name'."""
+        """Return the value of 'group.name'."""
         return self._values[self._number(name)]
 
     def reset(self, name: str) -> None:
-        """Back to its default, without telling anybody."""
+        """Set a parameter to its default, without calling its function."""
         number = self._number(name)
         self._values[number] = self._parameters[number].default
 
     def receive(self, channel: int, data: bytes) -> list[Packet]:
-        """Answer a packet."""
+        """Handle a packet; return the answers."""
         if channel == TABLE:
             return self._table.answer(data)
         if channel == MISCELLANEOUS:
@@ -73,7 +73,7 @@ class Parameters:
         return [Packet(PARAM, WRITE, data[:2] + self._packed(number))]
 
     def is_last(self, channel: int, data: bytes) -> bool:
-        """Whether a packet asks for the value of the last parameter: with it, a client's connecting is over."""
+        """Return whether a packet requests the value of the last parameter, which ends a client's connecting."""
         return channel == READ and data[:2] == struct.pack("<H", len(self._parameters) - 1)
 
     def _number(self, name: str) -> int:
@@ -95,7 +95,9 @@ class Parameters:
             asked = self._parameters[number]
             value = struct.pack("<" + asked.layout, _stored(asked.layout, asked.default))
             return [Packet(PARAM, MISCELLANEOUS, data[:3] + b"\0" + value)]
-        return [Packet(PARAM, MISCELLANEOUS, data[:3] + bytes((errno.ENOENT,)))]  # nothing is kept over a restart
+        return [
+            Packet(PARAM, MISCELLANEOUS, data[:3] + bytes((errno.ENOENT,)))
+        ]  # no parameter is stored over a restart
 
     def _set(self, number: int, value: bytes) -> None:
         parameter = self._parameters[number]

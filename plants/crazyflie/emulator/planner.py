@@ -1,4 +1,4 @@
-"""The planner on board: take-off, landing and going to a point, on smooth curves of its own time."""
+"""Planner on board: smooth trajectories for take-off, landing and go-to."""
 
 import enum
 import errno
@@ -17,7 +17,7 @@ REST = np.zeros(4)
 
 
 class Phase(enum.Enum):
-    """What the planner does."""
+    """State of the planner."""
 
     IDLE = "idle"  # motors off
     FLYING = "flying"
@@ -25,13 +25,13 @@ class Phase(enum.Enum):
 
 
 class Curve(NamedTuple):
-    """A polynomial of degree 7 in time for x, y, z and yaw, and where it rests afterwards.
+    """Polynomial of degree 7 in time for x, y, z and yaw, followed by rest at its end.
 
     Attributes:
-        begin: ms.
-        duration: s.
-        coefficients: Of time since the beginning, shape (8, 4), constant term first; m and rad.
-        end: x, y, z, yaw at the end, shape (4,).
+        begin: Instant of the beginning, ms.
+        duration: Duration, s.
+        coefficients: Coefficients for the time since the beginning, shape (8, 4), constant term first; m and rad.
+        end: x, y, z, yaw at the end, shape (4,), m and rad.
     """
 
     begin: int
@@ -40,7 +40,7 @@ class Curve(NamedTuple):
     end: Array
 
     def at(self, now: int) -> tuple[Array, Array, Array]:
-        """Place, rate and second derivative at `now`, ms, shape (4,) each."""
+        """Return value, first and second derivative at `now`, ms, shape (4,) each."""
         time = (now - self.begin) * 1e-3
         if time >= self.duration:
             return self.end, REST, REST
@@ -52,24 +52,24 @@ class Curve(NamedTuple):
         return place, rate, second
 
     def over(self, now: int) -> bool:
-        """Whether it has come to its end."""
+        """Return whether the curve has ended at `now`, ms."""
         return (now - self.begin) * 1e-3 >= self.duration
 
 
 def curve(begin: int, duration: float, start: tuple[Array, Array, Array], end: Array) -> Curve:
-    """The curve from `start` (place, rate, second derivative) to rest at `end`, without jerk at both ends.
+    """Return the curve from `start` to rest at `end`, with zero jerk at both ends.
 
     Args:
-        begin: ms.
-        duration: s; at least 1 ms is taken.
-        start: Shape (4,) each.
-        end: Shape (4,).
+        begin: Instant of the beginning, ms.
+        duration: Duration, s; at least 1 ms.
+        start: Value, first and second derivative at the beginning, shape (4,) each.
+        end: Value at the end, shape (4,).
     """
     duration = max(duration, 1e-3)
     place, rate, second = start
     low = np.array([place, rate, second / 2, REST])
     t = duration
-    # What the lower half leaves at the end, for place and three derivatives, is made up by t^4 .. t^7.
+    # The terms t^4 .. t^7 correct value and three derivatives that the lower terms reach at the end.
     reached = np.array(
         [
             place + rate * t + second * t**2 / 2,
@@ -93,7 +93,7 @@ def curve(begin: int, duration: float, start: tuple[Array, Array, Array], end: A
 
 
 def line(begin: int, duration: float, start: Array, end: Array) -> Curve:
-    """A straight line at constant velocity, from `start` to `end`, shape (4,) each."""
+    """Return a straight line at constant velocity, from `start` to `end`, shape (4,) each."""
     duration = max(duration, 1e-3)
     coefficients = np.zeros((8, 4))
     coefficients[0], coefficients[1] = start, (end - start) / duration
@@ -101,11 +101,11 @@ def line(begin: int, duration: float, start: Array, end: Array) -> Curve:
 
 
 class Planner:
-    """Makes setpoints of high-level commands.
+    """Conversion of high-level commands into setpoints.
 
     Attributes:
-        phase: What it does.
-        blocked: The supervisor does not let it plan: the motors may not run.
+        phase: State of the planner.
+        blocked: Commands are refused, since the supervisor does not let the motors run.
 
     Source: crazyflie-firmware, documentation "High Level Commander": polynomials of degree 7.
     """
@@ -119,27 +119,27 @@ class Planner:
         self._groups = 0
 
     def finished(self, now: int) -> bool:
-        """Whether there is nothing left to fly at `now`, ms."""
+        """Return whether the plan has ended at `now`, ms, or there is none."""
         return self._curve is None or self._curve.over(now)
 
     def stop(self) -> None:
-        """Forget the plan."""
+        """Discard the plan."""
         self.phase, self._curve = Phase.IDLE, None
 
     def block(self, blocked: bool) -> None:
-        """Refuse commands, and forget the plan; or do no more."""
+        """Refuse commands and discard the plan, or accept commands again."""
         if blocked and not self.blocked:
             self.stop()
         self.blocked = blocked
 
-    def tell(self, position: Array, velocity: Array, yaw: float) -> None:
-        """Where the drone is; a plan that begins while there is none begins here."""
+    def set_state(self, position: Array, velocity: Array, yaw: float) -> None:
+        """Set the state from which a plan starts while there is none: position, m, velocity, m/s, and yaw, rad."""
         if self.phase is Phase.IDLE:
             self._here = np.array([*position.tolist(), yaw])
             self._velocity = np.array([*velocity.tolist(), 0.0])
 
     def setpoint(self, now: int) -> FirmwareSetpoint:
-        """What to follow at `now`, ms."""
+        """Return the setpoint at `now`, ms."""
         if self._curve is None:
             return STOP
         if self.phase is Phase.LANDING and self._curve.over(now):
@@ -150,7 +150,7 @@ class Planner:
         return FirmwareSetpoint(POSITION, (x, y, z, yaw))
 
     def command(self, data: bytes, now: int) -> int:
-        """Carry out a command that came at `now`, ms; its error number, 0 if there is none.
+        """Execute a command received at `now`, ms; return its error number, 0 for success.
 
         Raises:
             struct.error: The packet is too short or too long for its command.
@@ -161,7 +161,7 @@ class Planner:
         elif kind not in (STOP_PLAN, TAKE_OFF, LAND, GO_TO):
             return errno.ENOEXEC
         elif groups and not groups & self._groups:
-            pass  # it is for others
+            pass  # for other groups
         elif kind == STOP_PLAN:
             self.stop()
         elif self.blocked:
@@ -189,6 +189,6 @@ class Planner:
         self.phase = Phase.FLYING
 
     def _shortest(self, end: Array) -> Array:
-        """The same place, with a yaw that is reached by the shortest turn from here."""
+        """Return the goal with the equivalent yaw that needs the shortest turn from the present one."""
         turn = math.remainder(float(end[3] - self._here[3]), 2 * math.pi)
         return np.append(end[:3], self._here[3] + turn)

@@ -1,4 +1,4 @@
-"""The ports of a drone: what becomes of each packet, and what is answered."""
+"""Ports of a drone: dispatch of received packets to the parts of the firmware, and the answers."""
 
 import math
 import struct
@@ -12,17 +12,17 @@ from plants.crazyflie.emulator.crtp import Packet
 from plants.crazyflie.emulator.firmware import Firmware
 from plants.crazyflie.emulator.memories import PERSIST
 from plants.crazyflie.emulator.planner import GO_TO, GROUP_MASK, LAND, STOP_PLAN, TAKE_OFF
-from plants.crazyflie.emulator.setpoints import NAMES, STOP, ByThrust, FirmwareSetpoint, generic
+from plants.crazyflie.emulator.setpoints import NAMES, STOP, FirmwareSetpoint, RpytDecoder, generic
 from plants.crazyflie.emulator.truth import rounded
 
 Handler: TypeAlias = Callable[[int, bytes], list[Packet]]
 
 PROTOCOL, VERSION, DEVICE = 12, b"dcf-zenoh emulator", b"CF21"
-NAME = b"Bitcraze Crazyflie".ljust(30, b"\0")  # by which a client knows that it may ask for the protocol's version
+NAME = b"Bitcraze Crazyflie".ljust(30, b"\0")  # tells a client that it may request the protocol version
 ECHO, SOURCE = 0, 1  # channels of the port of the link
 ARM, RECOVER, EMERGENCY, FEED, BITS, ANSWER = 0x01, 0x02, 0x03, 0x04, 0x0C, 0x80
 POSE = 8
-# Orders to the planner: their names in the truth, and how the numbers in them are packed.
+# Commands to the planner: names in the truth, and formats of their numbers.
 ORDERS = {
     GROUP_MASK: ("group", ""),
     STOP_PLAN: ("stop_plan", ""),
@@ -33,18 +33,18 @@ ORDERS = {
 
 
 class Ports:
-    """Hands packets to the parts of a drone. What is not understood is not answered and changes nothing.
+    """Dispatch of packets to the parts of a drone. Malformed and unknown packets have no answer and no effect.
 
-    What clients ask the drone to do is recorded in its truth: setpoints by the names of their modes (those with a
-    thrust as "roll_pitch_yaw_thrust"), orders to the planner, "arm", "disarm", "recover", "relax", "emergency_stop".
+    Commands of clients are recorded in the drone's truth: setpoints by the names of their modes (those with a thrust as
+    "roll_pitch_yaw_thrust"), commands to the planner, "arm", "disarm", "recover", "relax", "emergency_stop".
 
     Args:
-        firmware: The drone.
+        firmware: Firmware of the drone.
     """
 
     def __init__(self, firmware: Firmware) -> None:
         self._firmware = firmware
-        self._thrust = ByThrust()
+        self._thrust = RpytDecoder()
         self._handlers: dict[int, Handler] = {
             crtp.LINK: self._link,
             crtp.PLATFORM: self._platform,
@@ -59,18 +59,18 @@ class Ports:
         }
 
     def receive(self, packet: Packet) -> list[Packet]:
-        """Take in a packet; the answers, if there are any."""
+        """Handle a packet; return the answers."""
         handler = self._handlers.get(packet.port)
         if handler is None:
             return []
         try:
             return handler(packet.channel, packet.data)
-        except (struct.error, IndexError, ValueError):  # too short, too long, or no text where there should be one
+        except (struct.error, IndexError, ValueError):  # wrong length, or text that is not UTF-8
             return []
 
     def restart(self) -> None:
         """Switch the drone off and on."""
-        self._thrust = ByThrust()
+        self._thrust = RpytDecoder()
         self._firmware.restart()
 
     def _command(self, name: str, *values: float, **more: bool) -> None:
@@ -78,7 +78,7 @@ class Ports:
         self._firmware.truth.write("command", self._firmware.now, command=name, values=rounded(values), **more)
 
     def _follow(self, setpoint: FirmwareSetpoint, name: str) -> None:
-        """A setpoint; what becomes of a real drone that is told infinity is not known here, this one stops."""
+        """Follow a setpoint. One that is not finite stops the motors; the real firmware's reaction is unknown."""
         self._command(name, *setpoint.values)
         finite = all(math.isfinite(value) for value in setpoint.values)
         self._firmware.commander.follow(setpoint if finite else STOP, self._firmware.now)
@@ -98,7 +98,7 @@ class Ports:
         if channel == 1:
             answers = {0: bytes((PROTOCOL,)), 1: VERSION, 2: DEVICE}
             return [Packet(crtp.PLATFORM, 1, data[:1] + answers.get(data[0], b""))]
-        if channel == 0 and data[0] in (ARM, RECOVER):  # as it was before protocol version 12
+        if channel == 0 and data[0] in (ARM, RECOVER):  # protocol versions below 12
             return [Packet(crtp.PLATFORM, 0, data[:1] + self._arm_or_recover(data)[1:])]
         return []
 
@@ -115,7 +115,7 @@ class Ports:
         return []
 
     def _arm_or_recover(self, data: bytes) -> bytes:
-        """What the answer says."""
+        """Arm or recover; return the data of the answer."""
         if data[0] == RECOVER:
             self._command("recover")
             accepted = self._firmware.supervisor.recover()
@@ -145,7 +145,7 @@ class Ports:
         elif channel == 1 and data[0] == 0:
             self._command("relax")
             self._firmware.commander.relax()
-            self._firmware.look_around()
+            self._firmware.refresh_planner()
         return []
 
     def _high_level(self, channel: int, data: bytes) -> list[Packet]:
@@ -156,11 +156,11 @@ class Ports:
 
     def _localise(self, channel: int, data: bytes) -> list[Packet]:
         if channel == 0:
-            self._firmware.belief.told(np.array(struct.unpack("<3f", data)))
+            self._firmware.estimator.correct(np.array(struct.unpack("<3f", data)))
         elif data[0] == POSE:
-            self._firmware.belief.told(np.array(struct.unpack("<7f", data[1:])[:3]))
+            self._firmware.estimator.correct(np.array(struct.unpack("<7f", data[1:])[:3]))
         elif data[0] == PERSIST:
             return self._firmware.lighthouse.persist(data)
-        elif data[0] in (EMERGENCY, FEED):  # as it was before protocol version 12
+        elif data[0] in (EMERGENCY, FEED):  # protocol versions below 12
             self._safeguard(data[0])
         return []

@@ -1,4 +1,4 @@
-"""The radio between a client and a drone, as users meet it."""
+"""Radio between a client and a drone: latency, silences, loss and cut links."""
 
 from collections import deque
 from collections.abc import Iterator
@@ -6,17 +6,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-SILENCE = 0.3  # s; how long a silence lasts that comes by itself
-LINK_LOST = 2.0  # s of silence after which the link counts as lost, as the client's own radio finds
-HELD = 100  # packets each way that wait for the end of a silence; more are lost
+SILENCE = 0.3  # s; duration of a random silence
+LINK_LOST = 2.0  # s of silence after which the link counts as lost, as for a real client's radio
+HELD = 100  # packets each way that are held until the end of a silence; further ones are lost
 
 
-class Air(NamedTuple):
-    """How the radio behaves.
+class RadioConditions(NamedTuple):
+    """Properties of a radio link.
 
     Attributes:
-        latency: Shortest time of a packet under way, s.
-        tail: Mean of an exponentially distributed time on top, s.
+        latency: Least transmission time of a packet, s.
+        tail: Mean of an exponentially distributed additional time, s.
         silences: Mean number of silences of 0.3 s per minute.
         loss: Probability that a packet is lost, once a client has connected.
     """
@@ -27,106 +27,108 @@ class Air(NamedTuple):
     loss: float = 0.0
 
 
-class Way:
-    """One direction. Packets stay in order: the radio sends the next when the last has been acknowledged."""
+class PacketQueue:
+    """Packets in transit in one direction. They stay in order, since the radio waits for each acknowledgement."""
 
     def __init__(self) -> None:
-        self._under_way: deque[tuple[float, bytes]] = deque()
+        self._in_transit: deque[tuple[float, bytes]] = deque()
         self._last = 0.0
 
     @property
     def next(self) -> float | None:
-        """When the next packet arrives, s; None if there is none."""
-        return self._under_way[0][0] if self._under_way else None
+        """Instant at which the next packet arrives, s; None if there is none."""
+        return self._in_transit[0][0] if self._in_transit else None
 
     def send(self, due: float, wire: bytes) -> None:
-        """Let a packet arrive at `due`, s, or with the one before, if that is later."""
+        """Let a packet arrive at `due`, s, or together with the previous one if that is later."""
         self._last = max(self._last, due)
-        self._under_way.append((self._last, wire))
+        self._in_transit.append((self._last, wire))
 
-    def arrive(self, now: float) -> Iterator[tuple[float, bytes]]:
-        """The packets that have arrived by `now`, s, and when."""
-        while self._under_way and self._under_way[0][0] <= now:
-            yield self._under_way.popleft()
+    def pop_due(self, now: float) -> Iterator[tuple[float, bytes]]:
+        """Remove the packets that have arrived by `now`, s; yield the instant and the bytes of each."""
+        while self._in_transit and self._in_transit[0][0] <= now:
+            yield self._in_transit.popleft()
 
-    def forget(self) -> None:
-        """Lose what is under way."""
-        self._under_way.clear()
+    def clear(self) -> None:
+        """Lose all packets in transit."""
+        self._in_transit.clear()
         self._last = 0.0
 
     def waiting(self, now: float) -> int:
-        """How many packets have not arrived by `now`, s."""
-        return sum(due > now for due, _ in self._under_way)
+        """Return the number of packets that have not arrived by `now`, s."""
+        return sum(due > now for due, _ in self._in_transit)
 
 
 class Radio:
-    """Latency, silences, loss, and a link that can be cut.
+    """Radio link with latency, silences and loss, which can be cut.
 
-    In a silence nothing gets through, either way; what was sent arrives after it, as far as there is room for it.
-    After a silence of 2 s, or with the link cut for as long, the link is lost, and what was under way with it.
+    In a silence no packet gets through in either direction; up to 100 packets each way arrive after it. After a silence
+    of 2 s, or with the link cut for as long, the link is lost, together with all packets in transit.
 
     Args:
-        air: How it behaves.
-        rng: Draws its times and losses.
+        conditions: Properties of the link.
+        rng: Source of times and losses.
 
     Attributes:
-        up: To the drone.
-        down: From the drone.
+        up: Packets to the drone.
+        down: Packets from the drone.
         loss: Probability that a packet is lost.
-        connected: A client has connected, so that packets may be lost.
+        connected: A client has connected; only then packets are lost.
     """
 
-    def __init__(self, air: Air, rng: np.random.Generator) -> None:
-        self.up, self.down = Way(), Way()
-        self.loss = air.loss
+    def __init__(self, conditions: RadioConditions, rng: np.random.Generator) -> None:
+        self.up, self.down = PacketQueue(), PacketQueue()
+        self.loss = conditions.loss
         self.connected = False
-        self._air = air
+        self._conditions = conditions
         self._rng = rng
         self._silent_from = self._silent_until = 0.0
         self._next_silence = self._draw_silence(0.0)
 
     def send_up(self, now: float, wire: bytes) -> None:
-        """A client sends, at `now`, s."""
-        self._send(self.up, now, wire)
+        """Send a packet from the client, at `now`, s."""
+        self._enqueue(self.up, now, wire)
 
     def send_down(self, now: float, wire: bytes) -> None:
-        """The drone sends, at `now`, s."""
-        self._send(self.down, now, wire)
+        """Send a packet from the drone, at `now`, s."""
+        self._enqueue(self.down, now, wire)
 
     def silence(self, now: float, duration: float) -> None:
-        """Let nothing through from `now` on, for `duration`, s."""
+        """Begin a silence at `now`, for a `duration`, s."""
         if now >= self._silent_until:
             self._silent_from = now
         self._silent_until = max(self._silent_until, now + duration)
 
     def restore(self, now: float) -> None:
-        """End a silence. What it held is lost."""
+        """End a silence at `now`, s. The packets held by it are lost."""
         self._silent_until = now
-        self.forget()
+        self.clear()
 
-    def forget(self) -> None:
-        """Lose what is under way, both ways."""
-        self.up.forget()
-        self.down.forget()
+    def clear(self) -> None:
+        """Lose all packets in transit, in both directions."""
+        self.up.clear()
+        self.down.clear()
 
     def lost(self, now: float) -> bool:
-        """Whether the link counts as lost at `now`, s."""
+        """Return whether the link counts as lost at `now`, s."""
         return self._silent_until > now >= self._silent_from + LINK_LOST
 
-    def _send(self, way: Way, now: float, wire: bytes) -> None:
+    def _enqueue(self, queue: PacketQueue, now: float, wire: bytes) -> None:
         while now >= self._next_silence:
             self.silence(self._next_silence, SILENCE)
             self._next_silence = self._draw_silence(self._next_silence)
-        delay = self._air.latency + (self._rng.exponential(self._air.tail) if self._air.tail else 0.0)
+        delay = self._conditions.latency + (
+            self._rng.exponential(self._conditions.tail) if self._conditions.tail else 0.0
+        )
         if self.connected and self.loss and self._rng.random() < self.loss:
             return
         if self._silent_from <= now < self._silent_until:
-            if way.waiting(now) < HELD:
-                way.send(self._silent_until + delay, wire)
+            if queue.waiting(now) < HELD:
+                queue.send(self._silent_until + delay, wire)
             return
-        way.send(now + delay, wire)
+        queue.send(now + delay, wire)
 
     def _draw_silence(self, after: float) -> float:
-        if not self._air.silences:
+        if not self._conditions.silences:
             return float("inf")
-        return after + self._rng.exponential(60.0 / self._air.silences)
+        return after + self._rng.exponential(60.0 / self._conditions.silences)

@@ -1,4 +1,4 @@
-"""Emulated drones in real time: one process, one thread, one loop."""
+"""Server of emulated drones in real time: one process, one thread, one loop."""
 
 import os
 import select
@@ -6,10 +6,10 @@ import time
 from collections.abc import Callable, Mapping
 from typing import Any, TextIO
 
-from plants.crazyflie.emulator.console import Misunderstood, obey
+from plants.crazyflie.emulator.console import CommandError, execute
 from plants.crazyflie.emulator.drone import Drone
 
-LONGEST = 0.1  # s between two looks at `stop`
+LONGEST = 0.1  # s between two calls of `stop`
 
 
 def serve(
@@ -20,31 +20,31 @@ def serve(
     lines: TextIO | None,
     until_closed: bool = False,
 ) -> None:
-    """Let drones live until `stop` says so, or a line ``quit`` comes.
+    """Run drones until `stop` returns True, or a line ``quit`` is read.
 
     Args:
-        drones: By the numbers that they go by in commands.
-        begin: Instant of the monotonic clock, s, that is their time 0.
-        stop: Whether it is over.
-        lines: Where commands come from, if from anywhere; each is answered by a line on standard output.
-        until_closed: The end of `lines` is the end of the drones.
+        drones: Number in commands -> drone.
+        begin: Instant of the monotonic clock, s, that is time 0 of the drones.
+        stop: Returns whether to end.
+        lines: Source of commands, or None; each is answered by a line on standard output.
+        until_closed: End when `lines` is closed.
     """
-    talk = lines
+    commands = lines
     unfinished = ""
     while not stop():
         readers: list[Any] = [each for drone in drones.values() for each in drone.endpoint.sockets()]
-        if talk is not None:
-            readers.append(talk)
+        if commands is not None:
+            readers.append(commands)
         pause = min(drone.next for drone in drones.values()) - (time.monotonic() - begin)
-        heard = set(select.select(readers, [], [], min(LONGEST, max(0.0, pause)))[0])
+        ready = set(select.select(readers, [], [], min(LONGEST, max(0.0, pause)))[0])
         now = time.monotonic() - begin
         for drone in drones.values():
-            if drone.next <= now or not heard.isdisjoint(drone.endpoint.sockets()):
+            if drone.next <= now or not ready.isdisjoint(drone.endpoint.sockets()):
                 drone.run(now)
-        if talk is not None and talk in heard:
-            text = _read(talk)
+        if commands is not None and commands in ready:
+            text = _read_available(commands)
             if not text:
-                talk = None
+                commands = None
                 if until_closed:
                     return
             *complete, unfinished = (unfinished + text).split("\n")
@@ -57,15 +57,15 @@ def serve(
 
 def _answer(line: str, drones: Mapping[int, Drone], now: float) -> None:
     try:
-        answer = obey(line, drones, now)
-    except Misunderstood as error:
+        answer = execute(line, drones, now)
+    except CommandError as error:
         answer = f"error: {error}"
     print(answer, flush=True)
 
 
-def _read(talk: TextIO) -> str:
-    """What has come, without waiting for the end of a line; empty at the end of it all."""
+def _read_available(commands: TextIO) -> str:
+    """Read what is available, without waiting for the end of a line; empty at the end of the stream."""
     try:
-        return os.read(talk.fileno(), 65536).decode(errors="replace")
+        return os.read(commands.fileno(), 65536).decode(errors="replace")
     except OSError:
         return ""

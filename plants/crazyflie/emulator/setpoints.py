@@ -1,4 +1,4 @@
-"""Setpoints as clients send them, one at a time, in the terms of the cascade."""
+"""Decoding of clients' setpoints into those of the cascade."""
 
 import math
 import struct
@@ -16,23 +16,23 @@ NAMES = {
     TILT_CLIMB: "tilt_climb",
     TILT_THRUST: "tilt_thrust",
 }
-THRUST_LEAST, THRUST_MOST = 1000, 60000  # motor commands that a client may ask for
+THRUST_LEAST, THRUST_MOST = 1000, 60000  # motor commands that a client may request
 
 
 class FirmwareSetpoint(NamedTuple):
-    """What the cascade is to follow.
+    """Setpoint for the cascade.
 
     Attributes:
-        mode: See the modes of `model.cascade`.
-        values: Three values and a heading or yaw rate.
+        mode: One of the modes of `model.cascade`.
+        values: Three values and a heading or yaw rate, see the modes.
     """
 
     mode: int
     values: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
 
     @property
-    def levelled(self) -> "FirmwareSetpoint":
-        """The same without any horizontal motion: level, at the height or climb that it asked for."""
+    def level(self) -> "FirmwareSetpoint":
+        """Setpoint without horizontal motion: level, at the same height, climb rate or thrust."""
         third = self.values[2]
         if self.mode in (HOVER, POSITION, TILT_HEIGHT):
             return FirmwareSetpoint(TILT_HEIGHT, (0.0, 0.0, third, 0.0))
@@ -47,7 +47,7 @@ STOP = FirmwareSetpoint(STOPPED)
 
 
 def generic(data: bytes) -> FirmwareSetpoint | None:
-    """The setpoint in a packet on the generic port; None if it is of a kind that is not known here.
+    """Decode a setpoint on the generic port; None if its type is unknown.
 
     Raises:
         struct.error: The packet is too short or too long for its kind.
@@ -101,14 +101,14 @@ KINDS: dict[int, Callable[[bytes], FirmwareSetpoint | None]] = {
 }
 
 
-class ByThrust:
-    """Setpoints of roll, pitch, yaw rate and thrust; thrust is refused until it has once been zero."""
+class RpytDecoder:
+    """Decoder of setpoints of roll, pitch, yaw rate and thrust; thrust is locked until it has been zero once."""
 
     def __init__(self) -> None:
         self._locked = True
 
     def setpoint(self, data: bytes) -> FirmwareSetpoint:
-        """The setpoint in a packet; it stops the motors while there is no thrust.
+        """Decode a setpoint; without thrust, or while thrust is locked, it stops the motors.
 
         Raises:
             struct.error: The packet is too short or too long.
@@ -120,9 +120,10 @@ class ByThrust:
 
 
 def heading(packed: int) -> float:
-    """Heading, rad, of a unit quaternion in 32 bits: which component is largest, and the three others.
+    """Return the heading, rad, of a unit quaternion compressed to 32 bits.
 
-    Two bits name the largest; ten bits for each of the others, a sign and 9 bits of its size in units of 1/√2.
+    Two bits are the index of the largest component; each of the other three has ten bits, a sign and 9 bits of its
+    magnitude in units of 1/√2.
     """
     largest, left, parts, square = packed >> 30, packed, [0.0] * 4, 0.0
     for part in (3, 2, 1, 0):
@@ -143,5 +144,5 @@ def _by_thrust(roll: float, pitch: float, rate: float, thrust: int) -> FirmwareS
 
 
 def _tilt(roll: float, pitch: float, rate: float, third: float) -> tuple[float, float, float, float]:
-    """Angles in deg, pitch positive nose up as in packets, to rad, positive nose down as in the cascade."""
+    """Convert angles from deg, pitch positive nose up (packets), to rad, positive nose down (cascade)."""
     return math.radians(roll), -math.radians(pitch), third, math.radians(rate)

@@ -1,17 +1,17 @@
-"""The supervisor: whether the motors may run, and what happens when something is wrong."""
+"""Supervisor of the firmware: it decides whether the motors may run."""
 
 import enum
 from collections.abc import Callable
 from typing import NamedTuple, TypeAlias
 
-PERIOD = 40  # ms between two looks
+PERIOD = 40  # ms between two updates
 LEVEL_AFTER, FALL_AFTER = 500, 2000  # ms without a setpoint
-FLYING_FOR = 2000  # ms after the last thrust in which it still counts as flying
-FED_EVERY = 1000  # ms; the longest time between two signs of life, once there was one
+FLYING_FOR = 2000  # ms after the last thrust for which the drone still counts as flying
+FEED_PERIOD = 1000  # ms; longest time between two watchdog packets, once there was one
 
 
 class SupervisorState(enum.Enum):
-    """What the supervisor thinks the drone does."""
+    """State of the drone as the supervisor sees it."""
 
     NOT_PASSED = "checks not passed"
     PASSED = "checks passed"
@@ -28,16 +28,16 @@ class SupervisorState(enum.Enum):
 MOTORS_MAY_RUN = (SupervisorState.READY, SupervisorState.FLYING, SupervisorState.LANDED, SupervisorState.LEVELLING)
 
 
-class Look(NamedTuple):
-    """What the supervisor is shown.
+class Observation(NamedTuple):
+    """Inputs of the supervisor.
 
     Attributes:
         thrust: A motor runs.
         tumbled: The drone is upside down, or on its side.
-        setpoint_age: ms.
-        healthy: It passes its own checks.
-        ready_timeout: ms that it stays armed without taking off.
-        landed_timeout: ms that it stays armed after landing.
+        setpoint_age: Age of the last setpoint, ms.
+        healthy: The drone passes its own checks.
+        ready_timeout: Time for which it stays armed without taking off, ms.
+        landed_timeout: Time for which it stays armed after landing, ms.
     """
 
     thrust: bool
@@ -49,19 +49,19 @@ class Look(NamedTuple):
 
 
 class Conditions(NamedTuple):
-    """What decides about the next state.
+    """Conditions of transitions between states.
 
     Attributes:
-        armed: It is.
-        flying: A motor has run within 2 s.
-        tumbled: It is upside down.
-        healthy: It passes its own checks.
+        armed: The drone is armed.
+        flying: A motor has run within the last 2 s.
+        tumbled: The drone is upside down.
+        healthy: The drone passes its own checks.
         late: There has been no setpoint for 0.5 s.
         silent: There has been no setpoint for 2 s.
-        emergency: It has been stopped, or its signs of life have stopped.
-        crashed: It tumbled in flight, and has not been told to recover.
-        ready_too_long: It has been armed for too long without taking off.
-        landed_too_long: It has been armed for too long since it landed.
+        emergency: An emergency stop was received, or the watchdog packets have stopped.
+        crashed: The drone tumbled in flight, and no recovery has been accepted since.
+        ready_too_long: The drone has been armed for too long without taking off.
+        landed_too_long: The drone has been armed for too long since it landed.
     """
 
     armed: bool
@@ -78,7 +78,7 @@ class Conditions(NamedTuple):
 
 Transition: TypeAlias = tuple[Callable[[Conditions], bool], SupervisorState]
 
-# The first condition that holds leads on; if none does, the state stays.
+# The first condition that holds gives the next state; if none holds, the state stays.
 TRANSITIONS: dict[SupervisorState, tuple[Transition, ...]] = {
     SupervisorState.NOT_PASSED: (
         (lambda c: c.emergency, SupervisorState.FREE_FALL),
@@ -120,18 +120,18 @@ TRANSITIONS: dict[SupervisorState, tuple[Transition, ...]] = {
 
 
 class FirmwareSupervisor:
-    """A state machine that looks at the drone 25 times a second.
+    """State machine that is updated 25 times a second.
 
-    Arming is required. It disarms by itself where it is armed for too long without taking off, or after landing.
-    Without setpoints it levels out after 0.5 s, and after 2 s it lets the drone fall; then, and after an emergency
-    stop, it is locked until it is switched off and on. Whoever stops sending within 2 s after the motors have stopped
-    on the ground finds it locked as well, for until then it counts as flying. Upside down in flight it stops the
-    motors, and it recovers when it is told to, once it is upright.
+    Arming is required. The drone disarms by itself if it is armed for too long without taking off, or after landing.
+    Without setpoints it levels out after 0.5 s, and after 2 s its motors stop; then, and after an emergency stop, it is
+    locked until it is switched off and on. It is locked as well if setpoints end within 2 s after the motors have
+    stopped on the ground, since until then it counts as flying. Upside down in flight the motors stop; once the drone
+    is upright it recovers on command.
 
     Attributes:
-        state: What it thinks the drone does.
-        armed: It has been armed.
-        tumbled: At the last look.
+        state: Present state.
+        armed: The drone is armed.
+        tumbled: The drone was tumbled at the last update.
 
     Source: crazyflie-firmware (2026), documentation "Supervisor": states, conditions, arming, crash handling.
     """
@@ -142,13 +142,13 @@ class FirmwareSupervisor:
         self.tumbled = False
         self._crashed = False
         self._stopped = False
-        self._fed: int | None = None
+        self._fed_at: int | None = None
         self._last_thrust: int | None = None
         self._entered = 0
 
     @property
     def can_be_armed(self) -> bool:
-        """Whether it would accept arming."""
+        """Whether arming would be accepted."""
         return self.state is SupervisorState.PASSED
 
     @property
@@ -158,7 +158,7 @@ class FirmwareSupervisor:
 
     @property
     def bits(self) -> int:
-        """What clients are told: can be armed, armed, -, can fly, flying, tumbled, locked, crashed."""
+        """Bits for clients: can be armed, armed, -, can fly, flying, tumbled, locked, crashed."""
         flags = (
             self.can_be_armed,
             self.armed,
@@ -172,50 +172,50 @@ class FirmwareSupervisor:
         return sum(1 << bit for bit, flag in enumerate(flags) if flag)
 
     def arm(self, wanted: bool) -> bool:
-        """Arm or disarm; whether that was accepted."""
+        """Arm or disarm; return whether that was accepted."""
         if wanted and not self.armed and not self.can_be_armed:
             return False
         self.armed = wanted
         return True
 
     def recover(self) -> bool:
-        """Forget a crash; whether that was accepted."""
+        """Recover from a crash; return whether that was accepted."""
         if self._crashed and self.tumbled:
             return False
         self._crashed = False
         return True
 
     def stop(self) -> None:
-        """Emergency: no motor turns again until it is switched off and on."""
+        """Stop in an emergency: the motors stay off until the drone is switched off and on."""
         self._stopped = True
 
     def feed(self, now: int) -> None:
-        """A sign of life at `now`, ms. From the first one on, its absence is an emergency."""
-        self._fed = now
+        """Feed the emergency-stop watchdog at `now`, ms. After the first time, a missing feed is an emergency."""
+        self._fed_at = now
 
-    def look(self, seen: Look, now: int) -> None:
-        """Decide anew at `now`, ms."""
-        if seen.thrust:
+    def update(self, observation: Observation, now: int) -> None:
+        """Update the state at `now`, ms."""
+        if observation.thrust:
             self._last_thrust = now
-        self.tumbled = seen.tumbled
-        conditions = self._conditions(seen, now)
+        self.tumbled = observation.tumbled
+        conditions = self._conditions(observation, now)
         after = next((state for holds, state in TRANSITIONS[self.state] if holds(conditions)), self.state)
         if after is not self.state:
             self.state, self._entered = after, now
             self._crashed |= after is SupervisorState.CRASHED
             self.armed &= self.motors_may_run
 
-    def _conditions(self, seen: Look, now: int) -> Conditions:
+    def _conditions(self, observation: Observation, now: int) -> Conditions:
         here = now - self._entered
         return Conditions(
             armed=self.armed,
             flying=self._last_thrust is not None and now - self._last_thrust < FLYING_FOR,
-            tumbled=seen.tumbled,
-            healthy=seen.healthy,
-            late=seen.setpoint_age > LEVEL_AFTER,
-            silent=seen.setpoint_age > FALL_AFTER,
-            emergency=self._stopped or (self._fed is not None and now >= self._fed + FED_EVERY),
+            tumbled=observation.tumbled,
+            healthy=observation.healthy,
+            late=observation.setpoint_age > LEVEL_AFTER,
+            silent=observation.setpoint_age > FALL_AFTER,
+            emergency=self._stopped or (self._fed_at is not None and now >= self._fed_at + FEED_PERIOD),
             crashed=self._crashed,
-            ready_too_long=here > seen.ready_timeout,
-            landed_too_long=here > seen.landed_timeout,
+            ready_too_long=here > observation.ready_timeout,
+            landed_too_long=here > observation.landed_timeout,
         )

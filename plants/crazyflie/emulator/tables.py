@@ -1,4 +1,4 @@
-"""Tables of contents: the named variables and parameters that a client can ask for."""
+"""Tables of contents: names and types of log variables and parameters, for clients to download."""
 
 import struct
 import zlib
@@ -11,11 +11,11 @@ ITEM, INFO = 2, 3  # requests on the channel of the table
 
 
 class TocEntry(NamedTuple):
-    """One line of a table.
+    """Entry of a table.
 
     Attributes:
-        name: 'group.name'.
-        code: Type, and for parameters its properties, as this table writes them.
+        name: Name as 'group.name'.
+        code: Type code of the table; for parameters including their properties.
     """
 
     name: str
@@ -23,12 +23,12 @@ class TocEntry(NamedTuple):
 
 
 class Toc:
-    """A table of contents, and the answers to questions about it.
+    """Table of contents, which answers requests.
 
     Args:
-        port: Of the packets that ask for it.
-        entries: In the order of their numbers.
-        extra: What follows the checksum in the answer about the table as a whole.
+        port: Port of the requests.
+        entries: Entries in the order of their numbers.
+        extra: Bytes after the checksum in the answer about the table as a whole.
     """
 
     def __init__(self, port: int, entries: Sequence[TocEntry], extra: bytes = b"") -> None:
@@ -38,11 +38,11 @@ class Toc:
         self._numbers = {e.name: number for number, e in enumerate(entries)}
 
     def number(self, name: str) -> int | None:
-        """The number of an entry, from 'group.name'; None if there is none."""
+        """Return the number of the entry 'group.name'; None if there is none."""
         return self._numbers.get(name)
 
     def answer(self, data: bytes) -> list[Packet]:
-        """The answer to a question about the table: one packet, or none if it is not understood."""
+        """Answer a request: one packet, or none for an unknown request."""
         if data[0] == INFO:
             return [Packet(self._port, 0, data[:1] + self._info)]
         if data[0] == ITEM:

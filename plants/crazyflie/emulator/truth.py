@@ -1,4 +1,4 @@
-"""What a drone really did, for tests: a file of JSON lines that is written while it happens."""
+"""Ground truth of a drone's flight, for tests: a file of JSON lines, written during the flight."""
 
 import json
 from collections.abc import Iterable, Mapping
@@ -7,17 +7,18 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self, TextIO
 
-SAMPLE = 20  # ms between two states
+SAMPLE = 20  # ms between two recorded states
 
 
 class Truth:
-    """Writes the records of one drone. Each has a kind and a time, s, which is the drone's own since it began.
+    """Recorder of one drone. Each record has a kind and a time, s, of the drone's own clock.
 
     "state": position, m; velocity, m/s; angles: roll, pitch (positive nose down), yaw, rad; motors, 0 .. 1; estimate of
-    the position, m; what the supervisor thinks. "command": what came from a client. "event": see `Firmware`, `Drone`.
+    the position, m; state of the supervisor. "command": a client's command, see `Ports`. "event": see `Firmware`,
+    `Drone`.
 
     Args:
-        path: The file; None: nothing is kept.
+        path: Path of the file; None: nothing is recorded.
     """
 
     def __init__(self, path: Path | None) -> None:
@@ -37,11 +38,11 @@ class Truth:
 
     @property
     def kept(self) -> bool:
-        """Whether anything is kept."""
+        """Whether records are written."""
         return self._file is not None
 
     def write(self, kind: str, now: int, **fields: Any) -> None:
-        """One record at `now`, ms; at once in the file."""
+        """Write a record at `now`, ms, and flush it to the file."""
         if self._file is not None:
             self._file.write(json.dumps({"kind": kind, "time": now / 1000, **fields}) + "\n")
             self._file.flush()
@@ -49,12 +50,12 @@ class Truth:
 
 @dataclass(frozen=True, slots=True)
 class Record:
-    """One record of the truth.
+    """Record of the truth.
 
     Attributes:
         kind: "state", "command" or "event".
-        time: s.
-        fields: What else is in it, by name.
+        time: Time of the drone's clock, s.
+        fields: Other fields, by name.
     """
 
     kind: str
@@ -62,12 +63,12 @@ class Record:
     fields: Mapping[str, Any]
 
     def __getitem__(self, name: str) -> Any:
-        """One of the fields."""
+        """Return one of the fields."""
         return self.fields[name]
 
 
 def read_truth(path: Path) -> list[Record]:
-    """All complete records that are in the file so far."""
+    """Read all complete records that the file has so far."""
     lines = path.read_text(encoding="utf-8").split("\n")[:-1] if path.is_file() else []
     records = []
     for line in lines:
@@ -77,5 +78,5 @@ def read_truth(path: Path) -> list[Record]:
 
 
 def rounded(values: Iterable[float], digits: int = 4) -> list[float]:
-    """Numbers short enough for a file."""
+    """Round numbers for a file."""
     return [round(float(value), digits) for value in values]

@@ -1,1 +1,1 @@
-"""Flying a real Crazyflie once it is connected: setpoints, watchdog, telemetry, inspection."""
+"""Flying a connected Crazyflie: setpoints, watchdog, telemetry, inspection."""

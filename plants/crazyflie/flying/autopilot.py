@@ -1,4 +1,4 @@
-"""Who flies a Crazyflie: a thread that never leaves it without setpoints, and lands it when something is wrong."""
+"""Thread that keeps a Crazyflie supplied with setpoints, and lands it when something is wrong."""
 
 import logging
 import math
@@ -10,7 +10,7 @@ import numpy as np
 
 from dcf_zenoh.errors import PlantError
 from plants.crazyflie.connection.link import Link
-from plants.crazyflie.connection.outbox import LOOK
+from plants.crazyflie.connection.outbox import POLL
 from plants.crazyflie.flying.bounds import Bounds, allowed_height
 from plants.crazyflie.flying.pose import PoseFeed
 from plants.crazyflie.flying.setpoint_stream import Point, SetpointStream
@@ -19,222 +19,229 @@ from plants.crazyflie.flying.watchdog import HEALTH_AGE_MAX, Watchdog
 
 log = logging.getLogger(__name__)
 
-CLIMB, CRUISE, SINK = 0.4, 0.3, 0.2  # m/s on average, under the firmware's own planner
-SHORTEST = 1.5  # s for a planned manoeuvre
-AGAIN = 0.1  # s until an order that was not accepted is repeated; without any, it would fall after 2 s
-HEARD = 0.1  # s since anything came: what is sent is heard
-PATIENCE = 3.0  # s until an order has to be accepted, and it has to have left the ground
-LIFTED = 0.05  # m above the ground
-OVERTIME = 4.0  # s for a manoeuvre beyond its plan
-REACHED, SLOW = 0.1, 0.15  # m and m/s: it is at a point
-NEAR_GROUND, STANDS_FOR = 0.06, 0.3  # m above it, and s: it stands
+CLIMB, CRUISE, DESCENT = 0.4, 0.3, 0.2  # m/s on average, under the firmware's own planner
+SHORTEST = 1.5  # s; least duration of a planned manoeuvre
+REPEAT_AFTER = 0.1  # s after which a command to the planner is repeated; after 2 s without any the drone would fall
+RECENT = 0.1  # s; age of the last packet up to which the drone counts as reached by what is sent
+ACCEPT_TIMEOUT = 3.0  # s for the planner to accept a command, and for the drone to leave the ground
+LIFT_OFF = 0.05  # m above the ground
+OVERTIME = 4.0  # s for a manoeuvre beyond its planned duration
+REACHED, SLOW = 0.1, 0.15  # m and m/s within which the drone is at a point
+NEAR_GROUND, STANDS_FOR = 0.06, 0.3  # m above the ground and s after which the drone counts as landed
 BRAKING = 0.8  # s
-SWITCHING_OFF = 3  # times that is repeated
+SWITCHING_OFF = 3  # times that stop and disarming are sent
 STOPPING = 0.5  # s for which the emergency stop is repeated
 
-FLY, LAND, STOP = 0, 1, 2  # who lands does not fly on, and a stop is final
+FLY, LAND, STOP = 0, 1, 2  # ranks of activities: a landing ends flying, and an emergency stop ends everything
 
 
 class Autopilot:
-    """Flies one drone, once: from the ground to the ground.
+    """Control of one flight of one drone, from the ground to the ground.
 
-    What it does is one activity at a time, a generator that is resumed `Bounds.rate` times a second on the pilot's own
-    thread, whatever the control loop does meanwhile. Others give the orders: methods that are generators of pauses, in
-    s, until the order is carried out; and commands to its `stream`, which say where to fly in between.
+    The autopilot runs one activity at a time: a generator that is resumed `Bounds.rate` times a second on the
+    autopilot's own thread, independently of the control loop. Callers start activities by methods that yield pauses, in
+    s, until the activity is done, and steer the drone in between by commands to `setpoints`.
 
-    It watches. When something is wrong it lands and says why in `failure`; orders to fly are then refused.
+    A watchdog runs in flight. When it reports a problem, the autopilot lands the drone and stores the reason in
+    `failure`; from then on it refuses to fly.
 
     Args:
-        link: To the drone.
-        vitals: What the drone tells.
-        bounds: What the flight keeps to.
-        pose: What measures its position, if it does not do that itself; the pilot hands it on.
+        link: Link to the drone.
+        telemetry: Telemetry of the drone.
+        bounds: Limits of the flight.
+        pose: External measurement of the drone's position, if there is one; the autopilot forwards it to the drone.
 
     Attributes:
-        stream: What the drone is told in between manoeuvres.
+        setpoints: Setpoints sent to the drone between manoeuvres.
         failure: What went wrong; empty if nothing did.
-        airborne: It is in the air, as far as one knows.
-        on_its_own: The firmware's planner flies it, and does so without a link as well.
-        ground: Height at which it stood when it took off, in m.
+        airborne: The drone is in the air, as far as is known.
+        planner_flies: The firmware's planner flies the drone, which continues without a link.
+        ground: Height of the ground at the take-off, in m.
     """
 
-    def __init__(self, link: Link, vitals: Telemetry, bounds: Bounds, pose: PoseFeed | None = None) -> None:
+    def __init__(self, link: Link, telemetry: Telemetry, bounds: Bounds, pose: PoseFeed | None = None) -> None:
         self._link = link
-        self._vitals = vitals
+        self._telemetry = telemetry
         self._bounds = bounds
         self._pose = pose
-        self.stream = SetpointStream(link, vitals, bounds)
+        self.setpoints = SetpointStream(link, telemetry, bounds)
         self.failure = ""
-        self.airborne = self.on_its_own = False
+        self.airborne = self.planner_flies = False
         self.ground = 0.0
-        self._watch = Watchdog(link, vitals, self.stream, bounds, pose)
+        self._watchdog = Watchdog(link, telemetry, self.setpoints, bounds, pose)
         self._lock = threading.Lock()  # guards _rank, _activity and _done, which change together, from any thread
         self._rank = FLY
         self._activity: Iterator[None] = iter(())
         self._done = threading.Event()
-        self._told = threading.Event()  # of an emergency stop, often enough, if there is one
-        self._told.set()
-        self._ended = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="crazyflie-pilot", daemon=True)
+        self._stop_sent = threading.Event()  # set unless an emergency stop is still being sent
+        self._stop_sent.set()
+        self._closed = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="crazyflie-autopilot", daemon=True)
 
     def start(self) -> None:
-        """Begin to watch. The drone stands, or hovers where somebody left it."""
-        self.airborne = self._vitals.health.has(FLYING) and self._height > REACHED
-        self.stream.halt()
+        """Start the thread. The drone stands, or hovers where an earlier program left it."""
+        self.airborne = self._telemetry.health.has(FLYING) and self._height > REACHED
+        self.setpoints.halt()
         self._thread.start()
 
-    def end(self) -> None:
-        """No more setpoints, and the last word of an emergency stop is said."""
-        self._told.wait(2 * STOPPING)
-        self._ended.set()
+    def close(self) -> None:
+        """End the thread, after an emergency stop has been sent often enough."""
+        self._stop_sent.wait(2 * STOPPING)
+        self._closed.set()
         if self._thread.is_alive():
             self._thread.join(1.0)
 
     def take_off(self, height: float) -> Iterator[float]:
-        """Climb straight up to `height`, in m, and hover there."""
-        return self._carry_out(FLY, lambda done: self._climb(height, done))
+        """Climb straight up to `height`, in m, and hover there; pauses, in s, until it does."""
+        return self._execute(FLY, lambda done: self._climb(height, done))
 
     def go_to(self, point: Point) -> Iterator[float]:
-        """Fly to a point in a straight line, and hover there."""
-        return self._carry_out(FLY, lambda done: self._travel(point, done))
+        """Fly to a point in a straight line, and hover there; pauses, in s, until it does."""
+        return self._execute(FLY, lambda done: self._travel(point, done))
 
     def land(self) -> Iterator[float]:
-        """Brake, sink, stop the motors. If it is landing by itself, wait until it is through with that."""
-        return self._carry_out(LAND, self._descend)
+        """Brake, descend and stop the motors, or wait for the end of a landing that runs; pauses, in s, until then."""
+        return self._execute(LAND, self._land_and_disarm)
 
     def stop(self) -> None:
-        """Stop the motors at once; from any thread, even if others wait for the link."""
-        self._told.clear()
+        """Stop the motors at once. Safe on any thread, even while other threads wait for the link."""
+        self._stop_sent.clear()
         self.failure = self.failure or "emergency stop"
-        self.airborne = False  # before others hear of it: it falls, and nothing lands it
-        self._begin(STOP, _nothing)
+        self.airborne = False  # before callers are released: the drone falls, and there is nothing to land
+        self._switch_to(STOP, _no_activity)
         thread = threading.Thread(target=self._cut_motors, name="emergency-stop", daemon=True)
         thread.start()
-        thread.join(LOOK)  # unless the link is stuck, the first packet is out by then
+        thread.join(POLL)  # long enough for the first packet, unless the link blocks
 
-    def _carry_out(self, rank: int, begin: Callable[[threading.Event], Iterator[None]]) -> Iterator[float]:
-        """Have an activity carried out.
+    def _execute(self, rank: int, begin: Callable[[threading.Event], Iterator[None]]) -> Iterator[float]:
+        """Run an activity; pauses, in s, until it is done.
 
         Raises:
-            PlantError: It was to fly, and that was broken off.
+            PlantError: The activity is a flight, and a landing or stop ended it.
         """
-        done = self._begin(rank, begin)
+        done = self._switch_to(rank, begin)
         while not done.is_set() and self._thread.is_alive() and not (rank == FLY and self._rank > FLY):
-            yield LOOK
+            yield POLL
         if rank == FLY and self._rank > FLY:
             raise PlantError(self.failure or "it is to land")
 
-    def _begin(self, rank: int, begin: Callable[[threading.Event], Iterator[None]]) -> threading.Event:
-        """Change the activity, unless that of now is more important; what will be set when it is through."""
+    def _switch_to(self, rank: int, begin: Callable[[threading.Event], Iterator[None]]) -> threading.Event:
+        """Replace the activity, unless the present one has a higher rank.
+
+        Returns:
+            The event that is set when the activity now running is done.
+        """
         with self._lock:
             if rank > self._rank or rank == self._rank == FLY:
                 before, self._rank, self._done = self._done, rank, threading.Event()
                 self._activity = begin(self._done)
-                before.set()  # nobody waits for what will not be carried out
+                before.set()  # releases callers that wait for the replaced activity
             return self._done
 
     def _run(self) -> None:
         period = 1.0 / self._bounds.rate
         due = time.monotonic() + period
-        while not self._ended.wait(max(0.0, due - time.monotonic())):
+        while not self._closed.wait(max(0.0, due - time.monotonic())):
             due = max(due + period, time.monotonic())
             try:
                 if self._pose is not None:
                     self._pose.forward(self._link)
-                if self.airborne and self._rank == FLY and (trouble := self._watch.look(on_its_own=self.on_its_own)):
-                    self._give_up(trouble)
+                if self.airborne and self._rank == FLY:
+                    problem = self._watchdog.check(planner_flies=self.planner_flies)
+                    if problem:
+                        self._abort(problem)
                 next(self._activity, None)
-            except Exception as error:  # whatever it is, the drone must not stay in the air
+            except Exception as error:  # the drone must not stay in the air, whatever fails here
                 log.exception("the pilot failed")
-                self._give_up(f"the pilot failed: {type(error).__name__}: {error}")
+                self._abort(f"the pilot failed: {type(error).__name__}: {error}")
 
-    def _give_up(self, why: str) -> None:
-        """Land, because of `why`."""
+    def _abort(self, why: str) -> None:
+        """Land, for the reason `why`."""
         log.warning("%s", why)
         self.failure = self.failure or why
-        self._begin(LAND, self._descend)
+        self._switch_to(LAND, self._land_and_disarm)
 
     def _climb(self, height: float, done: threading.Event) -> Iterator[None]:
-        x, y, self.ground = (float(component) for component in self._vitals.motion.position)
+        x, y, self.ground = (float(component) for component in self._telemetry.motion.position)
         plan = max(SHORTEST, (height - self.ground) / CLIMB)
-        self._watch.begin()
+        self._watchdog.reset()
         self.airborne = True
 
-        def order() -> None:  # the planner ignores it while it is under way
-            if not self._vitals.health.has(ARMED):
+        def command() -> None:  # the planner ignores it while a take-off runs
+            if not self._telemetry.health.has(ARMED):
                 self._link.arm(True)
             self._link.high_level.takeoff(height, plan, yaw=None)
 
-        until = time.monotonic() + PATIENCE
-        yield from self._insist(order, until)
-        while self._height < LIFTED and time.monotonic() < until:
+        until = time.monotonic() + ACCEPT_TIMEOUT
+        yield from self._command_planner(command, until)
+        while self._height < LIFT_OFF and time.monotonic() < until:
             yield
-        if self._height > LIFTED:
-            yield from self._arrive(Point(x, y, height), time.monotonic() + plan, "take-off", done)
+        if self._height > LIFT_OFF:
+            yield from self._hover_at(Point(x, y, height), time.monotonic() + plan, "take-off", done)
         else:
             self.airborne = False
-            self._give_up(f"it did not take off: within {PATIENCE:g} s it rose by {self._height:.2f} m")
+            self._abort(f"it did not take off: within {ACCEPT_TIMEOUT:g} s it rose by {self._height:.2f} m")
 
     def _travel(self, point: Point, done: threading.Event) -> Iterator[None]:
         point = point._replace(z=allowed_height(point.z))
-        far = _distance(self._vitals.motion, point)
+        far = _distance(self._telemetry.motion, point)
         plan = max(SHORTEST, far / CRUISE) if far > REACHED else 0.0
         if plan:
-            heading = self._vitals.motion.yaw
-            yield from self._insist(
-                lambda: self._link.high_level.go_to(*point, heading, plan), time.monotonic() + PATIENCE
+            heading = self._telemetry.motion.yaw
+            yield from self._command_planner(
+                lambda: self._link.high_level.go_to(*point, heading, plan), time.monotonic() + ACCEPT_TIMEOUT
             )
-        yield from self._arrive(point, time.monotonic() + plan, "going to its start", done)
+        yield from self._hover_at(point, time.monotonic() + plan, "going to its start", done)
 
-    def _descend(self, done: threading.Event) -> Iterator[None]:
+    def _land_and_disarm(self, done: threading.Event) -> Iterator[None]:
         if self.airborne:
-            motion = self._vitals.motion
+            motion = self._telemetry.motion
             if float(np.linalg.norm(motion.velocity)) > SLOW and motion.age < self._bounds.state_age_max:
-                self.stream.halt()
+                self.setpoints.halt()
                 yield from self._hover(time.monotonic() + BRAKING)
-            yield from self._sink()
+            yield from self._descend()
         for _ in range(0 if self.airborne else SWITCHING_OFF):
             self._link.high_level.stop()
             self._link.arm(False)
-            yield from _pause(AGAIN)
+            yield from _pause(REPEAT_AFTER)
         done.set()
 
-    def _sink(self) -> Iterator[None]:
-        plan = max(SHORTEST, self._height / SINK)
-        yield from self._insist(
-            lambda: self._link.high_level.land(self.ground, plan, yaw=None),  # ignored while it is under way
-            time.monotonic() + PATIENCE,
+    def _descend(self) -> Iterator[None]:
+        plan = max(SHORTEST, self._height / DESCENT)
+        yield from self._command_planner(
+            lambda: self._link.high_level.land(self.ground, plan, yaw=None),  # ignored while a landing runs
+            time.monotonic() + ACCEPT_TIMEOUT,
         )
         until = time.monotonic() + plan + OVERTIME
         stood = math.inf
         while (now := time.monotonic()) < until and now - stood < STANDS_FOR:
             yield
-            motion = self._vitals.motion
+            motion = self._telemetry.motion
             slow = self._height < NEAR_GROUND and float(np.linalg.norm(motion.velocity)) < SLOW
             stood = min(stood, now) if slow and motion.age < self._bounds.state_age_max else math.inf
-        health = self._vitals.health
+        health = self._telemetry.health
         self.airborne = not (stood < math.inf or (health.age < HEALTH_AGE_MAX and not health.has(FLYING)))
         if self.airborne:
             self.failure = self.failure or f"it was not seen to land within {plan + OVERTIME:.1f} s"
 
-    def _insist(self, order: Callable[[], None], until: float) -> Iterator[None]:
-        """Give an order to the firmware's planner until it is accepted, or until an instant, in s."""
+    def _command_planner(self, command: Callable[[], None], until: float) -> Iterator[None]:
+        """Send a command to the firmware's planner until it is accepted, or until an instant, in s."""
         began = time.monotonic()
         while not self._link.accepted_since(began) and time.monotonic() < until:
-            self._link.commander.send_notify_setpoint_stop()  # first: then the planner begins where the drone is
-            order()
-            yield from _pause(AGAIN)
-        self.on_its_own |= self._link.accepted_since(began)
+            self._link.commander.send_notify_setpoint_stop()  # first: the planner then starts at the drone
+            command()
+            yield from _pause(REPEAT_AFTER)
+        self.planner_flies |= self._link.accepted_since(began)
 
-    def _arrive(self, point: Point, planned: float, what: str, done: threading.Event) -> Iterator[None]:
-        """Leave it to the firmware's planner until an instant, then hover at `point`: soon it has to be there."""
+    def _hover_at(self, point: Point, planned: float, what: str, done: threading.Event) -> Iterator[None]:
+        """Leave control to the firmware's planner until `planned`, then hover at `point`; abort if not reached."""
         while time.monotonic() < planned:
             yield
-        self.stream.keep_to(point)
-        while not _is_at(self._vitals.motion, point):
+        self.setpoints.keep_to(point)
+        while not _is_at(self._telemetry.motion, point):
             if time.monotonic() > planned + OVERTIME:
-                there = np.round(self._vitals.motion.position, 2).tolist()
-                self._give_up(f"{what}: expected to hover at {list(point)} m, came to {there} m")
+                there = np.round(self._telemetry.motion.position, 2).tolist()
+                self._abort(f"{what}: expected to hover at {list(point)} m, came to {there} m")
                 return
             self._send()
             yield
@@ -247,9 +254,9 @@ class Autopilot:
             yield
 
     def _send(self) -> None:
-        """One setpoint, which takes over from the firmware's planner if it is heard."""
-        self.stream.send()
-        self.on_its_own &= self._link.silence > HEARD
+        """Send one setpoint, which takes over from the firmware's planner if the drone receives it."""
+        self.setpoints.send()
+        self.planner_flies &= self._link.silence > RECENT
 
     def _cut_motors(self) -> None:
         until = time.monotonic() + STOPPING
@@ -257,11 +264,11 @@ class Autopilot:
             self._link.emergency_stop()
             self.airborne = False
             time.sleep(1.0 / self._bounds.rate)  # between two packets
-        self._told.set()
+        self._stop_sent.set()
 
     @property
     def _height(self) -> float:
-        return float(self._vitals.motion.position[2]) - self.ground
+        return float(self._telemetry.motion.position[2]) - self.ground
 
 
 def _pause(duration: float) -> Iterator[None]:
@@ -270,7 +277,7 @@ def _pause(duration: float) -> Iterator[None]:
         yield
 
 
-def _nothing(done: threading.Event) -> Iterator[None]:
+def _no_activity(done: threading.Event) -> Iterator[None]:
     done.set()
     return iter(())
 

@@ -1,4 +1,4 @@
-"""Within which a real Crazyflie is flown."""
+"""Limits for the flight of a real Crazyflie."""
 
 from dataclasses import dataclass, fields
 
@@ -16,19 +16,19 @@ RANGES = {
 
 @dataclass(frozen=True)
 class Bounds:
-    """Numbers that a flight keeps to.
+    """Limits of one flight.
 
     Attributes:
-        rate: Of the setpoints, in Hz.
-        speed_max: Longest horizontal velocity that is asked for, in m/s.
-        state_age_max: Oldest state to fly by, in s; then it lands.
-        hold_after: Time without a command after which it holds, in s.
-        land_after: Time without a command after which it lands, in s.
+        rate: Rate of the setpoints, in Hz.
+        speed_max: Largest horizontal speed that is commanded, in m/s.
+        state_age_max: Age of the newest state above which the drone lands, in s.
+        hold_after: Time without a command after which the drone holds its position, in s.
+        land_after: Time without a command after which the drone lands, in s.
         battery_min: Least voltage for the take-off, in V.
-        battery_low: Least voltage in flight, in V; then it lands.
+        battery_low: Voltage in flight below which the drone lands, in V.
 
     Raises:
-        ValueError: One of them is out of its range.
+        ValueError: A value is out of its range.
     """
 
     rate: float
@@ -50,15 +50,15 @@ class Bounds:
 
 
 def check_range(name: str, value: float, low: float, high: float, unit: str) -> None:
-    """Refuse a value that is out of its range.
+    """Check that a value is within its range.
 
     Raises:
-        ValueError: It is, or is not a number.
+        ValueError: The value is out of its range, or NaN.
     """
     if not low <= value <= high:
         raise ValueError(f"{name} must be {low:g} to {high:g}{unit and ' '}{unit}, not {value:g}")
 
 
 def allowed_height(height: float) -> float:
-    """The nearest height that may be asked for, in m."""
+    """Return the height within the allowed range that is nearest to `height`, in m."""
     return min(max(height, HEIGHT[0]), HEIGHT[1])

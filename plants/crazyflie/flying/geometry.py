@@ -1,4 +1,4 @@
-"""Where the base stations of Lighthouse stand: what a Crazyflie knows of it, and what a file says."""
+"""Geometry of Lighthouse base stations: comparing a file with the drone's memory, and writing it."""
 
 import time
 from collections.abc import Callable, Generator, Iterator, Mapping
@@ -9,7 +9,7 @@ import numpy as np
 
 from dcf_zenoh.errors import PlantError
 from plants.crazyflie.connection.link import Link
-from plants.crazyflie.connection.outbox import LOOK
+from plants.crazyflie.connection.outbox import POLL
 
 SAME = 1e-4  # m, and entries of a rotation matrix
 READING, WRITING = 15.0, 40.0  # s
@@ -17,42 +17,42 @@ SYSTEM_TYPE = "lighthouse.systemType"  # version of the base stations
 
 
 def install(link: Link, path: Path) -> Iterator[float]:
-    """Make the drone know the geometry that a file has; pauses, in s, until it does.
+    """Write the geometry of a file to the drone; pauses, in s, until that is done.
 
-    It is written, and kept over a restart, only where it differs.
+    It is written, and stored over a restart, only if it differs from what the drone has.
 
     Args:
-        link: To the drone.
-        path: As cfclient and the library write it: YAML, a "lighthouse_system_configuration".
+        link: Link to the drone.
+        path: File as cfclient and cflib write it: YAML of type "lighthouse_system_configuration".
 
     Raises:
-        PlantError: The file cannot be read, the drone has no Lighthouse deck, or does not take it.
+        PlantError: The file cannot be read, the drone has no Lighthouse deck, or does not store the geometry.
     """
     from cflib.localization import LighthouseConfigFileManager, LighthouseConfigWriter  # noqa: PLC0415
 
     try:
         geometries, calibrations, system = LighthouseConfigFileManager.read(str(path))
-    except Exception as error:  # whatever is wrong with it
+    except Exception as error:  # cflib raises many kinds for a malformed file
         raise PlantError(f"geometry {path} cannot be read: {error}") from error
     if not geometries:
         raise PlantError(f"geometry {path} has no base station")
-    has = yield from _read(link)
-    if not _difference(geometries, has):
+    on_drone = yield from _read(link)
+    if not _difference(geometries, on_drone):
         return
     if (yield from link.read(SYSTEM_TYPE)) != system:
         yield from link.write(SYSTEM_TYPE, system)
-        yield 1.0  # it forgets all that it knew of the others
+        yield 1.0  # the firmware clears the base stations of the other type
     writer = LighthouseConfigWriter(link.crazyflie)
     yield from _wait_for(
         lambda done: writer.write_and_store_config(done, geos=geometries, calibs=calibrations or None), WRITING, link
-    )  # it says that it failed where it writes to more base stations than the firmware has room for: so look
-    has = yield from _read(link)
-    if difference := _difference(geometries, has):
+    )  # its result is False also if only base stations beyond the firmware's memory failed, so read back instead
+    on_drone = yield from _read(link)
+    if difference := _difference(geometries, on_drone):
         raise PlantError(f"geometry {path}: the drone did not take it: {difference}")
 
 
 def _read(link: Link) -> Generator[float, None, Mapping[int, Any]]:
-    """What the drone knows, by channel of the base station."""
+    """Read the drone's geometry: channel of the base station (from 0) -> geometry."""
     from cflib.crazyflie.mem import LighthouseMemHelper  # noqa: PLC0415
 
     try:
@@ -63,10 +63,10 @@ def _read(link: Link) -> Generator[float, None, Mapping[int, Any]]:
     return found
 
 
-def _difference(wanted: Mapping[int, Any], has: Mapping[int, Any]) -> str:
-    """The first base station that the drone knows otherwise; empty if there is none."""
-    for station in sorted({*wanted, *has}):
-        ours, its = wanted.get(station), has.get(station)
+def _difference(wanted: Mapping[int, Any], on_drone: Mapping[int, Any]) -> str:
+    """Describe the first base station that differs; empty if none does."""
+    for station in sorted({*wanted, *on_drone}):
+        ours, its = wanted.get(station), on_drone.get(station)
         if (ours is not None) != (its is not None and its.valid):
             return f"base station {station + 1} {'is missing' if ours is not None else 'is not in the file'}"
         if ours is not None and its is not None:
@@ -82,10 +82,10 @@ def _difference(wanted: Mapping[int, Any], has: Mapping[int, Any]) -> str:
 def _wait_for(
     begin: Callable[[Callable[[Any], None]], object], within: float, link: Link
 ) -> Generator[float, None, Any]:
-    """What a call of cflib's hands over when it is done.
+    """Start an operation of cflib and return what it passes to its callback; pauses, in s, until then.
 
     Raises:
-        PlantError: It is not done in time.
+        PlantError: The callback is not called in time.
     """
     results: list[Any] = []
     begin(results.append)
@@ -93,5 +93,5 @@ def _wait_for(
     while not results:
         if time.monotonic() > deadline or link.lost:
             raise PlantError(f"the geometry of its base stations: {link.lost or f'not done within {within:g} s'}")
-        yield LOOK
+        yield POLL
     return results[0]

@@ -1,4 +1,4 @@
-"""What is looked at before a Crazyflie takes off."""
+"""Checks before the take-off of a Crazyflie."""
 
 import math
 import time
@@ -9,7 +9,7 @@ import numpy as np
 
 from dcf_zenoh.plant import Check
 from plants.crazyflie.connection.link import Link
-from plants.crazyflie.connection.outbox import LOOK
+from plants.crazyflie.connection.outbox import POLL
 from plants.crazyflie.flying.bounds import Bounds
 from plants.crazyflie.flying.pose import PoseFeed
 from plants.crazyflie.flying.setpoint_stream import Point
@@ -17,22 +17,22 @@ from plants.crazyflie.flying.telemetry import ARMED, CAN_BE_ARMED, Health, Motio
 from plants.crazyflie.flying.watchdog import POSE_AGE_MAX, STOPS
 
 KALMAN = 2
-RESETTING = 0.1  # s between the two words that start the estimator anew
+RESETTING = 0.1  # s between the two parameter writes that reset the estimator
 SETTLING = 6.0  # s
-QUIET_FOR = 1.0  # s for which the estimator has to be sure
+QUIET_FOR = 1.0  # s for which the variance must be small
 VARIANCE_MAX = 0.001  # m²; 3 cm
 SHARE_MIN = 0.8  # of the packets
-ROUND_TRIP_MAX = 0.2  # s; setpoints then are up to 0.1 s late, half a control period of the swap
+ROUND_TRIP_MAX = 0.2  # s; setpoints are then up to 0.1 s late, half a control period of the swap
 ROUND_TRIPS = 10
 PLACED = 0.15  # m
-CLEARANCE = 0.1  # m from where it stands up to where it flies
+CLEARANCE = 0.1  # m; least height of the flight above the ground
 
 DECKS = {"deck.bcLighthouse4": "Lighthouse", "deck.bcLoco": "Loco", "deck.bcDWM1000": "Loco", "deck.bcFlow2": "flow"}
 
 
 def inspect(
     link: Link,
-    vitals: Telemetry,
+    telemetry: Telemetry,
     bounds: Bounds,
     start: Point,
     pose: PoseFeed | None,
@@ -40,36 +40,36 @@ def inspect(
     placed: bool,
     left_flying: bool,
 ) -> Generator[float, None, tuple[Check, ...]]:
-    """Start the estimator anew and look at everything; pauses, in s, until that is done.
+    """Reset the estimator and run all checks; pauses, in s, until they are done.
 
     Args:
-        link: To the drone.
-        vitals: What the drone tells.
-        bounds: What the flight keeps to.
-        start: Where it shall be before the first step.
-        pose: What measures its position, if it does not do that itself.
-        placed: It has to stand there already.
-        left_flying: It is in the air, from before.
+        link: Link to the drone.
+        telemetry: Telemetry of the drone.
+        bounds: Limits of the flight.
+        start: Required position before the first step.
+        pose: External measurement of the drone's position, if there is one.
+        placed: The drone must stand at `start` already.
+        left_flying: The drone is in the air, left there by an earlier program.
 
     Raises:
         PlantError: The drone does not answer.
     """
     if not left_flying:
         yield from _start_estimator(link)
-        yield from _settle(vitals)
+        yield from _settle(telemetry)
     round_trip = yield from _round_trip(link)
     decks = []
     for name, deck in DECKS.items():
         if link.has_parameter(name) and (yield from link.read(name)):
             decks.append(deck)
-    motion, health = vitals.motion, vitals.health
+    motion, health = telemetry.motion, telemetry.health
     return (
         _battery(health, bounds),
-        _link(vitals.share, round_trip),
-        _localisation(decks, health) if pose is None else _outside(pose),
+        _link(telemetry.received_share, round_trip),
+        _localisation(decks, health) if pose is None else _external_pose(pose),
         _estimator(health),
         Check("heading", f"{math.degrees(motion.yaw):.0f} deg"),
-        _place(motion, start, placed=placed),
+        _start_position(motion, start, placed=placed),
         _supervisor(health, left_flying=left_flying),
     )
 
@@ -83,23 +83,23 @@ def _start_estimator(link: Link) -> Iterator[float]:
     yield from link.write("kalman.resetEstimation", 0)
 
 
-def _settle(vitals: Telemetry) -> Iterator[float]:
-    """Wait until the estimator is sure of the position and does not change its mind, or for long enough."""
+def _settle(telemetry: Telemetry) -> Iterator[float]:
+    """Wait until the variance of the position has been small for 1 s, 6 s at most."""
     deadline = time.monotonic() + SETTLING
-    seen: deque[tuple[float, float]] = deque()
+    recent: deque[tuple[float, float]] = deque()  # instant, variance
     while time.monotonic() < deadline:
-        health = vitals.health
-        if not seen or health.at > seen[-1][0]:
-            seen.append((health.at, float(health.variance.max())))
-        while seen[-1][0] - seen[0][0] > QUIET_FOR:
-            seen.popleft()
-        if seen[-1][0] - seen[0][0] > 0.8 * QUIET_FOR and max(variance for _, variance in seen) < VARIANCE_MAX:
+        health = telemetry.health
+        if not recent or health.at > recent[-1][0]:
+            recent.append((health.at, float(health.variance.max())))
+        while recent[-1][0] - recent[0][0] > QUIET_FOR:
+            recent.popleft()
+        if recent[-1][0] - recent[0][0] > 0.8 * QUIET_FOR and max(variance for _, variance in recent) < VARIANCE_MAX:
             return
-        yield LOOK
+        yield POLL
 
 
 def _round_trip(link: Link) -> Generator[float, None, float]:
-    """Median time of an echo, in s."""
+    """Measure the median round-trip time, in s."""
     times = []
     for number in range(ROUND_TRIPS):
         times.append((yield from link.echo(number)))
@@ -111,9 +111,9 @@ def _battery(health: Health, bounds: Bounds) -> Check:
     return Check("battery", f"{health.battery:.2f} V", f"at least {bounds.battery_min:g} V is needed" if low else "")
 
 
-def _link(share: float, round_trip: float) -> Check:
-    value = f"{share:.0%} of packets, {round_trip * 1e3:.0f} ms there and back"
-    if share < SHARE_MIN:
+def _link(received_share: float, round_trip: float) -> Check:
+    value = f"{received_share:.0%} of packets, {round_trip * 1e3:.0f} ms there and back"
+    if received_share < SHARE_MIN:
         return Check("link", value, f"at least {SHARE_MIN:.0%} has to arrive")
     return Check(
         "link", value, f"at most {ROUND_TRIP_MAX * 1e3:.0f} ms is allowed" if round_trip > ROUND_TRIP_MAX else ""
@@ -130,7 +130,7 @@ def _localisation(decks: list[str], health: Health) -> Check:
     return Check("base stations", seen, problem)
 
 
-def _outside(pose: PoseFeed) -> Check:
+def _external_pose(pose: PoseFeed) -> Check:
     value = f"pose {pose.age * 1e3:.0f} ms old" if math.isfinite(pose.age) else "no pose"
     late = f"at most {POSE_AGE_MAX:g} s is allowed" if pose.age > POSE_AGE_MAX else ""
     return Check("localisation", value, "; ".join(filter(None, (pose.problem, late))))
@@ -142,7 +142,7 @@ def _estimator(health: Health) -> Check:
     return Check("estimator", f"variance {variance:.1e} m²", unsure)
 
 
-def _place(motion: Motion, start: Point, *, placed: bool) -> Check:
+def _start_position(motion: Motion, start: Point, *, placed: bool) -> Check:
     x, y, z = (float(component) for component in motion.position)
     away = math.hypot(x - start.x, y - start.y)
     problem = ""
@@ -154,9 +154,9 @@ def _place(motion: Motion, start: Point, *, placed: bool) -> Check:
 
 
 def _supervisor(health: Health, *, left_flying: bool) -> Check:
-    for bit, word in STOPS.items():
+    for bit, name in STOPS.items():
         if health.has(bit):
-            return Check("supervisor", word, "set it upright and restart it")
+            return Check("supervisor", name, "set it upright and restart it")
     if left_flying:
         return Check("supervisor", "flying", "it was left in the air; it lands when this program ends")
     if health.has(ARMED):

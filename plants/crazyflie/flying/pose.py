@@ -1,4 +1,4 @@
-"""The pose of a Crazyflie as another system measures it, on its way from Zenoh to the drone."""
+"""Pose of a Crazyflie measured by an external system, forwarded from Zenoh to the drone."""
 
 import json
 import math
@@ -10,26 +10,26 @@ from typing import Any, NamedTuple
 from dcf_zenoh.errors import PlantError
 from plants.crazyflie.connection.link import LOCALISATION, Link
 
-FARTHEST = 1000.0  # m; what is farther off, or infinite, or no number, is an error of whoever measures
-POSITION, GENERIC, POSE = 0, 1, 8  # channels, and what kind of packet on the second
+DISTANCE_MAX = 1000.0  # m; farther, infinite and NaN coordinates are errors of the measuring system
+POSITION, GENERIC, POSE = 0, 1, 8  # channels, and the type of the packet on the second
 
 
 class Sample(NamedTuple):
-    """What came, by the monotonic clock, in s: position in m, and perhaps a quaternion x, y, z, w."""
+    """Received pose: instant, monotonic clock, in s; position, in m, optionally followed by a quaternion x, y, z, w."""
 
     at: float
     values: tuple[float, ...]
 
 
 class PoseFeed:
-    """Reads a key, and hands the newest pose on to the drone's estimator.
+    """Subscriber of a key that forwards the newest pose to the drone's estimator.
 
-    A pose is a JSON list: ``[x, y, z]``, in m, or ``[x, y, z, qx, qy, qz, qw]``. With positions alone the drone knows
-    its heading only from its gyroscope: then it has to stand along the x axis when its estimator starts anew.
+    A pose is a JSON list: ``[x, y, z]``, in m, or ``[x, y, z, qx, qy, qz, qw]``. With positions alone the drone
+    estimates its heading from its gyroscope only: then it must point along the x axis when its estimator is reset.
 
     Args:
-        key: Of Zenoh.
-        endpoint: To connect to; empty: none, others connect by scouting as Zenoh's defaults have it.
+        key: Zenoh key.
+        endpoint: Zenoh endpoint to connect to; empty for Zenoh's default scouting.
     """
 
     def __init__(self, key: str, endpoint: str) -> None:
@@ -41,12 +41,12 @@ class PoseFeed:
         self._problem = ""
 
     def open(self) -> None:
-        """Subscribe.
+        """Subscribe to the key.
 
         Raises:
-            PlantError: The session cannot be opened, or the key is none.
+            PlantError: The session cannot be opened, or the key is invalid.
         """
-        import zenoh  # noqa: PLC0415 - most drones measure for themselves
+        import zenoh  # noqa: PLC0415 - most drones need no external pose
 
         config = zenoh.Config()
         try:
@@ -58,21 +58,21 @@ class PoseFeed:
             self._session = zenoh.open(config)
             self._session.declare_subscriber(self._key, self._receive)
         except zenoh.ZError as error:
-            plain = re.sub(r"\s*\bat \S+\.rs:\d+\.?", "", str(error))  # without the places in its source
+            plain = re.sub(r"\s*\bat \S+\.rs:\d+\.?", "", str(error))  # without positions in Zenoh's source
             raise PlantError(f"pose {self._key!r} at {self._endpoint or 'no endpoint'}: {plain}") from error
 
     @property
     def age(self) -> float:
-        """Time since the last one came, in s; infinite if none did."""
+        """Time since the last pose was received, in s; infinite before the first."""
         return math.inf if self._newest is None else time.monotonic() - self._newest.at
 
     @property
     def problem(self) -> str:
-        """Why what came last was not a pose; empty if it was."""
+        """Reason why the last message was not a pose; empty if it was one."""
         return self._problem
 
     def forward(self, link: Link) -> None:
-        """Send the newest to the drone, once."""
+        """Send the newest pose to the drone, unless it has been sent already."""
         sample = self._newest
         if sample is None or sample is self._sent:
             return
@@ -83,7 +83,7 @@ class PoseFeed:
             link.send(LOCALISATION, GENERIC, struct.pack("<B7f", POSE, *sample.values))
 
     def close(self) -> None:
-        """End the session."""
+        """Close the session."""
         if self._session is not None:
             self._session.close()
             self._session = None
@@ -96,18 +96,18 @@ class PoseFeed:
 
 
 def decode(payload: bytes) -> tuple[float, ...]:
-    """The numbers of a pose.
+    """Return the numbers of a pose, 3 or 7.
 
     Raises:
-        ValueError: It is none.
+        ValueError: The payload is not a pose.
     """
     try:
         values = json.loads(payload)
     except (ValueError, RecursionError) as error:
         raise ValueError(f"expected a JSON list of 3 or 7 numbers, not {payload[:40]!r}") from error
     numbers = isinstance(values, list) and all(type(value) in (int, float) for value in values)
-    if not numbers or len(values) not in (3, 7) or not all(abs(value) <= FARTHEST for value in values):
-        raise ValueError(f"expected a JSON list of 3 or 7 numbers within {FARTHEST:g} m, not {payload[:40]!r}")
+    if not numbers or len(values) not in (3, 7) or not all(abs(value) <= DISTANCE_MAX for value in values):
+        raise ValueError(f"expected a JSON list of 3 or 7 numbers within {DISTANCE_MAX:g} m, not {payload[:40]!r}")
     if len(values) == 7 and abs(math.hypot(*values[3:]) - 1) > 0.01:
         raise ValueError(f"expected a quaternion of length 1, not {values[3:]}")
     return tuple(float(value) for value in values)

@@ -1,4 +1,4 @@
-"""The setpoints that keep a Crazyflie in the air."""
+"""Periodic setpoints for a Crazyflie."""
 
 import math
 import time
@@ -11,13 +11,13 @@ from plants.crazyflie.connection.link import Link
 from plants.crazyflie.flying.bounds import Bounds, allowed_height
 from plants.crazyflie.flying.telemetry import Telemetry
 
-APPROACH, APPROACH_MAX = 1.0, 0.5  # 1/s and m/s: velocity towards a point for each m, and at most
-STOPPING = 0.4  # s; how long the velocity of before carries on until it has stopped
-FIRMWARE_KP = 2.0  # 1/s: vertical velocity for each m, in the firmware's position controller
+APPROACH_GAIN, APPROACH_MAX = 1.0, 0.5  # 1/s and m/s: velocity towards a point per m of distance, and its bound
+STOPPING = 0.4  # s; the stopping distance is that of the present velocity in this time
+FIRMWARE_KP = 2.0  # 1/s: vertical velocity per m of error in the firmware's position controller
 
 
 class Point(NamedTuple):
-    """To hover at, in m: kept to by velocities."""
+    """Point to hover at, in m, under velocity setpoints."""
 
     x: float
     y: float
@@ -25,7 +25,7 @@ class Point(NamedTuple):
 
 
 class Goal(NamedTuple):
-    """To fly to, in m, under the firmware's position controller; heading in rad."""
+    """Point to fly to, in m, under the firmware's position controller; heading in rad."""
 
     x: float
     y: float
@@ -34,7 +34,7 @@ class Goal(NamedTuple):
 
 
 class Velocity(NamedTuple):
-    """To fly at, in m/s, world frame, while the height, in m, changes by `climb`, in m/s, from `since` on, in s."""
+    """Horizontal velocity (m/s, world frame) and a height (m) that changes by `climb` (m/s) from `since` (s) on."""
 
     east: float
     north: float
@@ -44,92 +44,103 @@ class Velocity(NamedTuple):
 
 
 class SetpointStream:
-    """What the drone is told again and again. Commands change it, from any thread; `send` is the pilot's.
+    """Setpoints that are sent periodically. Commands can come from any thread; the autopilot's thread calls `send`.
 
     Args:
-        link: To the drone.
-        vitals: What the drone tells.
-        bounds: What to keep to.
+        link: Link to the drone.
+        telemetry: Telemetry of the drone.
+        bounds: Limits of the flight.
     """
 
-    def __init__(self, link: Link, vitals: Telemetry, bounds: Bounds) -> None:
+    def __init__(self, link: Link, telemetry: Telemetry, bounds: Bounds) -> None:
         self._link = link
-        self._vitals = vitals
+        self._telemetry = telemetry
         self._bounds = bounds
-        self._aim: Point | Goal | Velocity = Point(0.0, 0.0, 0.0)  # replaced as a whole
-        self._commanded: float | None = None  # when the last command came, once there have to be any
+        self._target: Point | Goal | Velocity = Point(0.0, 0.0, 0.0)  # replaced as a whole
+        self._commanded: float | None = None  # instant of the last command; None while none are expected
 
     @property
     def command_age(self) -> float:
-        """Time since the last command, in s; 0 before there have to be any."""
+        """Time since the last command, in s; 0 while none are expected."""
         return 0.0 if self._commanded is None else time.monotonic() - self._commanded
 
     def expect_commands(self) -> None:
-        """From now on commands have to come again and again: the control loop runs."""
+        """Expect periodic commands from now on: the control loop runs."""
         self._commanded = time.monotonic()
 
     def keep_to(self, point: Point) -> None:
-        """Hover at a point that is near."""
-        self._aim = point._replace(z=allowed_height(point.z))
+        """Hover at a nearby point."""
+        self._target = point._replace(z=allowed_height(point.z))
 
     def hold(self) -> None:
-        """A command: brake, and hover where it can stop."""
+        """Brake and hover at the stopping point. This is a command."""
         self._commanded = time.monotonic()
         self.brake()
 
     def follow(self, velocity: Array, height: float) -> None:
-        """A command: fly at a `velocity`, shape (2,) or (3,), in m/s, world frame; in the plane at `height`, in m.
+        """Fly at a velocity. This is a command.
 
-        A velocity in space becomes a height that changes: commanded as a velocity, the firmware does not hold it.
+        A vertical velocity becomes a changing height: under velocity setpoints the firmware does not hold the height.
+
+        Args:
+            velocity: Velocity, shape (2,) or (3,), in m/s, world frame.
+            height: Height for a velocity of shape (2,), in m.
         """
         now = self._commanded = time.monotonic()
         east, north = shortened(velocity[:2], self._bounds.speed_max)
         climb = 0.0
         if len(velocity) == 3:
             climb = float(np.clip(velocity[2], -self._bounds.speed_max, self._bounds.speed_max))
-            height = float(self._vitals.motion.position[2]) + climb / FIRMWARE_KP  # so far ahead, it asks for `climb`
-        self._aim = Velocity(east, north, height, climb, now)
+            here = float(self._telemetry.motion.position[2])
+            height = here + climb / FIRMWARE_KP  # the distance at which the firmware climbs at that rate
+        self._target = Velocity(east, north, height, climb, now)
 
     def fly_to(self, position: Array, height: float, heading: float) -> None:
-        """A command: fly to a `position`, shape (2,) or (3,), in m; in the plane at `height`, in m."""
+        """Fly to a position. This is a command.
+
+        Args:
+            position: Position, shape (2,) or (3,), in m.
+            height: Height for a position of shape (2,), in m.
+            heading: Heading, in rad.
+        """
         self._commanded = time.monotonic()
         x, y, z = (float(component) for component in [*position, height][:3])
-        self._aim = Goal(x, y, allowed_height(z), heading)
+        self._target = Goal(x, y, allowed_height(z), heading)
 
     def brake(self) -> None:
-        """Hover where it can stop, if it does not hover yet."""
-        if not isinstance(self._aim, Point):
+        """Hover at the stopping point, unless the drone hovers already."""
+        if not isinstance(self._target, Point):
             self.halt()
 
     def halt(self) -> None:
-        """Hover where it can stop, as of now."""
-        aim = self._aim
-        x, y, z = (float(component) for component in self._vitals.motion.position_after(STOPPING))
-        self.keep_to(Point(x, y, aim.height if isinstance(aim, Velocity) and not aim.climb else z))
+        """Hover at the present stopping point."""
+        target = self._target
+        x, y, z = (float(component) for component in self._telemetry.motion.position_after(STOPPING))
+        self.keep_to(Point(x, y, target.height if isinstance(target, Velocity) and not target.climb else z))
 
     def send(self) -> None:
-        """One setpoint. When commands stay away for too long, it brakes."""
+        """Send one setpoint; brake if the last command is too old."""
         if self.command_age > self._bounds.hold_after:
             self.brake()
-        now, motion, aim = time.monotonic(), self._vitals.motion, self._aim
+        now, motion, target = time.monotonic(), self._telemetry.motion, self._target
         commander = self._link.commander
-        if isinstance(aim, Goal):
-            commander.send_position_setpoint(aim.x, aim.y, aim.z, math.degrees(aim.heading))
+        if isinstance(target, Goal):
+            commander.send_position_setpoint(target.x, target.y, target.z, math.degrees(target.heading))
             return
-        if isinstance(aim, Velocity):
-            east, north = aim.east, aim.north
-            height = allowed_height(aim.height + aim.climb * (now - aim.since))
+        if isinstance(target, Velocity):
+            east, north = target.east, target.north
+            height = allowed_height(target.height + target.climb * (now - target.since))
         else:
             here = motion.position_after(min(motion.age, self._bounds.state_age_max))
-            away = np.array(aim[:2]) - here[:2]
-            east, north = shortened(APPROACH * away, min(APPROACH_MAX, self._bounds.speed_max))
-            height = aim.z
-        cosine, sine = math.cos(motion.yaw), math.sin(motion.yaw)  # the firmware wants it in the body's frame
+            away = np.array(target[:2]) - here[:2]
+            east, north = shortened(APPROACH_GAIN * away, min(APPROACH_MAX, self._bounds.speed_max))
+            height = target.z
+        cosine, sine = math.cos(motion.yaw), math.sin(motion.yaw)  # hover setpoints are in the body's frame
         commander.send_hover_setpoint(cosine * east + sine * north, cosine * north - sine * east, 0.0, height)
 
 
 def shortened(vector: Array, longest: float) -> tuple[float, float]:
-    """The horizontal `vector`, or one in its direction that is not too long."""
+    """Return the horizontal `vector`, scaled down to the length `longest` if it is longer."""
     length = float(np.linalg.norm(vector))
     x, y = (float(component) for component in read_only(vector) * (min(1.0, longest / length) if length else 1.0))
     return x, y

@@ -1,4 +1,4 @@
-"""What a flying Crazyflie tells of itself: where it is, and how it is."""
+"""Telemetry of a Crazyflie: position and velocity, battery, estimator and supervisor."""
 
 import math
 import time
@@ -9,11 +9,11 @@ from typing import NamedTuple
 from dcf_zenoh.errors import PlantError
 from dcf_zenoh.plant import Array, read_only
 from plants.crazyflie.connection.link import Link
-from plants.crazyflie.connection.outbox import LOOK
+from plants.crazyflie.connection.outbox import POLL
 
 MOTION_PERIOD, HEALTH_PERIOD = 20, 100  # ms
-WINDOW = 100  # packets over which the share of those that arrive is counted
-FIRST = 3.0  # s until the first of each has to come
+WINDOW = 100  # packets over which the share of received ones is computed
+FIRST = 3.0  # s within which the first packet of each kind must be received
 
 MOTION = {
     **dict.fromkeys(["stateEstimate.x", "stateEstimate.y", "stateEstimate.z"], "float"),
@@ -25,20 +25,20 @@ HEALTH = {
     **dict.fromkeys(["kalman.varPX", "kalman.varPY", "kalman.varPZ"], "float"),  # m²
     "supervisor.info": "uint16_t",
 }
-LIGHTHOUSE = {"lighthouse.bsActive": "uint16_t"}  # one bit for each base station that helps the estimator
+LIGHTHOUSE = {"lighthouse.bsActive": "uint16_t"}  # one bit for each base station that the estimator uses
 
 CAN_BE_ARMED, ARMED, FLYING, TUMBLED, LOCKED, CRASHED = 0x01, 0x02, 0x10, 0x20, 0x40, 0x80  # of supervisor.info
 
 
 class Motion(NamedTuple):
-    """Where the drone is, as its estimator has it.
+    """Position, velocity and heading from the drone's estimator.
 
     Attributes:
-        at: When this came, by the monotonic clock, in s. Where position and velocity come again and again without any
-            change, when they came first: then the estimator stands still; in the air nothing stays exactly the same.
-        position: Shape (3,), in m, world frame.
-        velocity: Shape (3,), in m/s, world frame.
-        yaw: Counter-clockwise from the x axis, in rad.
+        at: Instant of reception, monotonic clock, in s. For packets that repeat the same position and velocity it is
+            that of the first: the estimator has stopped, since in the air no two estimates are exactly equal.
+        position: Position, shape (3,), in m, world frame.
+        velocity: Velocity, shape (3,), in m/s, world frame.
+        yaw: Heading, counter-clockwise from the x axis, in rad.
     """
 
     at: float
@@ -52,19 +52,19 @@ class Motion(NamedTuple):
         return time.monotonic() - self.at
 
     def position_after(self, elapsed: float) -> Array:
-        """Where it is `elapsed` s later, if its velocity has not changed."""
+        """Return the position `elapsed` s later at constant velocity, shape (3,), in m."""
         return read_only(self.position + self.velocity * elapsed)
 
 
 class Health(NamedTuple):
-    """How the drone is.
+    """Battery, estimator variance and supervisor state.
 
     Attributes:
-        at: When this came, by the monotonic clock, in s.
-        battery: In V.
-        variance: Of the position in the estimator, shape (3,), in m².
-        supervisor: Its state bits.
-        base_stations: How many of Lighthouse help the estimator; None if the drone does not tell.
+        at: Instant of reception, monotonic clock, in s.
+        battery: Battery voltage, in V.
+        variance: Variance of the estimated position, shape (3,), in m².
+        supervisor: State bits of the firmware's supervisor.
+        base_stations: Number of Lighthouse base stations that the estimator uses; None if the drone does not log it.
     """
 
     at: float
@@ -79,33 +79,35 @@ class Health(NamedTuple):
         return time.monotonic() - self.at
 
     def has(self, bit: int) -> bool:
-        """Whether a state bit is set."""
+        """Return whether a state bit is set."""
         return bool(self.supervisor & bit)
 
 
 class Telemetry:
-    """The newest of both. They are replaced as a whole on the thread that receives packets, and read by any other.
+    """Newest motion and health of a drone.
+
+    Both are replaced as a whole on the thread that receives packets, and can be read on any thread.
 
     Args:
-        link: Where they come from.
+        link: Link to the drone.
 
     Attributes:
-        share: Of the packets about motion that arrive, over the last 2 s.
+        received_share: Share of the motion packets of the last 2 s that have been received, 0 to 1.
     """
 
     def __init__(self, link: Link) -> None:
         self._link = link
         self._motion: Motion | None = None
         self._health: Health | None = None
-        self._moving: list[float] = []  # this and the next: of the receiving thread alone
+        self._last_values: list[float] = []  # this and the next: used on the receiving thread only
         self._stamps: deque[int] = deque(maxlen=WINDOW)
-        self.share = 0.0
+        self.received_share = 0.0
 
     def listen(self) -> Iterator[float]:
-        """Have them sent; pauses, in s, until the first of each is there.
+        """Start the log blocks; pauses, in s, until the first packet of each is received.
 
         Raises:
-            PlantError: The firmware does not know one of the variables, or nothing comes.
+            PlantError: The firmware lacks a variable, or no packet is received.
         """
         for name in (*MOTION, *HEALTH):
             if not self._link.has_variable(name):
@@ -117,28 +119,28 @@ class Telemetry:
         while self._motion is None or self._health is None:
             if time.monotonic() > deadline or self._link.lost:
                 raise PlantError(f"its state did not come within {FIRST:g} s: {self._link.lost or 'no log packets'}")
-            yield LOOK
+            yield POLL
 
     @property
     def motion(self) -> Motion:
-        """The newest; there is one once `listen` is through."""
+        """Newest motion; available once `listen` is done."""
         assert self._motion is not None
         return self._motion
 
     @property
     def health(self) -> Health:
-        """The newest; there is one once `listen` is through."""
+        """Newest health; available once `listen` is done."""
         assert self._health is not None
         return self._health
 
     def _receive_motion(self, instant: int, values: dict[str, float]) -> None:
-        *moving, yaw = (values[name] for name in MOTION)
-        if moving != self._moving:
-            self._moving = moving
-            self._motion = Motion(time.monotonic(), read_only(moving[:3]), read_only(moving[3:]), math.radians(yaw))
+        *current, yaw = (values[name] for name in MOTION)
+        if current != self._last_values:
+            self._last_values = current
+            self._motion = Motion(time.monotonic(), read_only(current[:3]), read_only(current[3:]), math.radians(yaw))
         self._stamps.append(instant)
         span = (self._stamps[-1] - self._stamps[0]) & 0xFFFFFF  # the drone's clock has 24 bits
-        self.share = min(1.0, (len(self._stamps) - 1) * MOTION_PERIOD / span) if span else 0.0
+        self.received_share = min(1.0, (len(self._stamps) - 1) * MOTION_PERIOD / span) if span else 0.0
 
     def _receive_health(self, _instant: int, values: dict[str, float]) -> None:
         battery, *variance, supervisor = (values[name] for name in HEALTH)

@@ -1,4 +1,4 @@
-"""What can go wrong while a Crazyflie flies, and is seen from the ground."""
+"""Monitoring of a Crazyflie in flight."""
 
 import time
 
@@ -9,85 +9,89 @@ from plants.crazyflie.flying.setpoint_stream import SetpointStream
 from plants.crazyflie.flying.telemetry import CRASHED, FLYING, LOCKED, TUMBLED, Telemetry
 
 BATTERY_FOR = 0.5  # s for which the voltage has to be too low: it dips with every burst of thrust
-STOPPED_FOR = 1.0  # s without its motors
+STOPPED_FOR = 1.0  # s with stopped motors
 HEALTH_AGE_MAX = 2.0  # s
 POSE_AGE_MAX = 0.5  # s
-STUTTER = 0.1  # s between two looks: this process stood still, and what came meanwhile has not been read yet
+STALL = 0.1  # s by which a check is late: the process was suspended, and received packets are still unread
 STOPS = {LOCKED: "locked", CRASHED: "crashed", TUMBLED: "tumbled"}
 WITHOUT_SETPOINTS = (
     "nothing can be sent; without setpoints the firmware levels out after 0.5 s, and after 2 s it stops the motors,"
     " falls, and stays locked until it is restarted"
 )
-ON_ITS_OWN = (
+WITH_PLANNER = (
     "nothing can be sent; its planner on board flies it: if it was landing it lands, otherwise it hovers until it is"
     " reached again or its battery is empty"
 )
 
 
-def link_lost(why: str, *, on_its_own: bool) -> str:
-    """That the link is lost, and what the drone does now."""
-    return f"link lost ({why}): {ON_ITS_OWN if on_its_own else WITHOUT_SETPOINTS}"
+def link_lost(why: str, *, planner_flies: bool) -> str:
+    """Return a message that the link is lost, and what the drone does now."""
+    return f"link lost ({why}): {WITH_PLANNER if planner_flies else WITHOUT_SETPOINTS}"
 
 
 class Watchdog:
-    """Looks again and again, in flight.
+    """Checks of a drone in flight, from its telemetry and from the ages of packets and commands.
 
     Args:
-        link: To the drone.
-        vitals: What the drone tells.
-        stream: What the drone is told.
-        bounds: What the flight keeps to.
-        pose: What measures its position, if it does not do that itself.
+        link: Link to the drone.
+        telemetry: Telemetry of the drone.
+        setpoints: Setpoints sent to the drone.
+        bounds: Limits of the flight.
+        pose: External measurement of the drone's position, if there is one.
     """
 
     def __init__(
-        self, link: Link, vitals: Telemetry, stream: SetpointStream, bounds: Bounds, pose: PoseFeed | None
+        self, link: Link, telemetry: Telemetry, setpoints: SetpointStream, bounds: Bounds, pose: PoseFeed | None
     ) -> None:
         self._link = link
-        self._vitals = vitals
-        self._stream = stream
+        self._telemetry = telemetry
+        self._setpoints = setpoints
         self._bounds = bounds
         self._pose = pose
-        self.begin()
+        self.reset()
 
-    def begin(self) -> None:
-        """It takes off: forget what was before."""
-        self._battery_fine = self._looked = self._patience = time.monotonic()
-        self._flew: float | None = None
+    def reset(self) -> None:
+        """Start afresh, before a take-off."""
+        self._battery_ok_at = self._checked_at = self._ready_at = time.monotonic()
+        self._flying_at: float | None = None
 
-    def look(self, *, on_its_own: bool) -> str:
-        """What is wrong; empty if nothing is. Without a link it matters whether the drone flies on its own."""
+    def check(self, *, planner_flies: bool) -> str:
+        """Return what is wrong; empty if nothing is.
+
+        Args:
+            planner_flies: The firmware's planner flies the drone, which needs no link; the message depends on it.
+        """
         now = time.monotonic()
-        if now - self._looked > STUTTER + 1.0 / self._bounds.rate:
-            self._patience = now + STUTTER
-        self._looked = now
-        return (self._body(now) or self._silence(on_its_own)) if now >= self._patience else ""
+        if now - self._checked_at > STALL + 1.0 / self._bounds.rate:
+            self._ready_at = now + STALL
+        self._checked_at = now
+        return (self._body_problem(now) or self._silence_problem(planner_flies)) if now >= self._ready_at else ""
 
-    def _body(self, now: float) -> str:
-        health = self._vitals.health
-        for bit, word in STOPS.items():
+    def _body_problem(self, now: float) -> str:
+        health = self._telemetry.health
+        for bit, name in STOPS.items():
             if health.has(bit):
-                return f"it is {word}: the firmware has stopped its motors"
+                return f"it is {name}: the firmware has stopped its motors"
         if health.has(FLYING):
-            self._flew = now
-        if self._flew is not None and now - self._flew > STOPPED_FOR:
+            self._flying_at = now
+        if self._flying_at is not None and now - self._flying_at > STOPPED_FOR:
             return "its motors have stopped"
         if health.battery >= self._bounds.battery_low:
-            self._battery_fine = now
-        if now - self._battery_fine > BATTERY_FOR:
+            self._battery_ok_at = now
+        if now - self._battery_ok_at > BATTERY_FOR:
             return f"battery {health.battery:.2f} V, at least {self._bounds.battery_low:g} V is needed"
         return ""
 
-    def _silence(self, on_its_own: bool) -> str:
+    def _silence_problem(self, planner_flies: bool) -> str:
         bounds = self._bounds
         if lost := self._link.lost:
-            return link_lost(lost, on_its_own=on_its_own)
-        if (age := self._vitals.motion.age) > bounds.state_age_max:
+            return link_lost(lost, planner_flies=planner_flies)
+        if (age := self._telemetry.motion.age) > bounds.state_age_max:
             return f"its state is {age:.2f} s old, at most {bounds.state_age_max:g} s is allowed"
         if self._pose is not None and self._pose.age > POSE_AGE_MAX:
             return f"the last pose came {self._pose.age:.2f} s ago, at most {POSE_AGE_MAX:g} s is allowed"
-        if (age := self._vitals.health.age) > HEALTH_AGE_MAX:
+        if (age := self._telemetry.health.age) > HEALTH_AGE_MAX:
             return f"its battery was last heard of {age:.1f} s ago, at most {HEALTH_AGE_MAX:g} s is allowed"
-        if (age := self._stream.command_age) > bounds.land_after:
+        if (age := self._setpoints.command_age) > bounds.land_after:
             return f"no command for {age:.1f} s, at most {bounds.land_after:g} s is allowed"
         return ""

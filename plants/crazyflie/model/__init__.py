@@ -1,1 +1,1 @@
-"""The nonlinear model and the firmware's controllers, compiled to machine code."""
+"""Nonlinear model and the firmware's controllers, compiled to machine code."""

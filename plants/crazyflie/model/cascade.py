@@ -1,11 +1,11 @@
-"""The Crazyflie's own controller: four loops, one inside the other, and the mixer. Compiled.
+"""Cascaded controller of the Crazyflie: four nested loops and the mixer. Compiled.
 
 Position -> velocity -> attitude -> turn rate -> motor commands, with the rates, limits and resets of the firmware's
-default (`controller_pid`, CF2 gains). Written from its behaviour and parameters, in the firmware's units where its
-gains have them: angles in degrees, outputs in motor commands 0 .. 65535. Two signs differ from it: pitch is positive
-nose down (right-handed about y), and so is what is added for it in the mixer.
+default (`controller_pid`, CF2 gains). Written from the firmware's behaviour and parameters, in the units of its gains:
+angles in degrees, outputs in motor commands 0 .. 65535. Two signs differ from the firmware: pitch is positive nose down
+(right-handed about y), and so is its term in the mixer.
 
-Left out: the filters of gyroscope and accelerometer, and the firmware's single precision.
+Not modelled: the filters of gyroscope and accelerometer, and the firmware's single precision.
 
 Sources: Bitcraze, crazyflie-firmware, `platform_defaults_cf2.h` (gains and limits), documentation "Cascaded PID
 controller" and pull request 1645 (resets, 2026).
@@ -23,7 +23,7 @@ POSITION_EVERY = 10  # ticks of 1 ms: position and velocity loops at 100 Hz
 ATTITUDE_EVERY = 2  # attitude and rate loops at 500 Hz
 TICK = 0.001  # s; the mixer runs at every tick
 
-# What a setpoint is: values and heading, by mode.
+# Modes of setpoints, with the meaning of the three values and of the fourth, heading or yaw rate.
 STOPPED = 0  # motors off
 VELOCITY = 1  # [vx, vy, vz] in the world, m/s; yaw rate, rad/s
 HOVER = 2  # [vx, vy] along the heading, m/s, and height, m; yaw rate, rad/s
@@ -33,7 +33,7 @@ TILT_CLIMB = 5  # [roll, pitch], rad, and vertical velocity, m/s; yaw rate, rad/
 TILT_THRUST = 6  # [roll, pitch], rad, and common motor command; yaw rate, rad/s
 
 X, Y, Z, VX, VY, VZ, ROLL, PITCH, YAW, ROLL_RATE, PITCH_RATE, YAW_RATE = range(12)
-# One row per loop: kp, ki, kd, limit of the integral, limit of the output; a limit of 0 is none.
+# One row per loop: kp, ki, kd, limit of the integral, limit of the output (0: no limit).
 GAINS = np.array(
     [
         [2.0, 0.0, 0.0, 5000.0, 1.1],  # m -> m/s
@@ -52,19 +52,19 @@ GAINS = np.array(
 )
 TILT_MAX = 20.0  # deg
 THRUST_BASE, THRUST_SCALE, THRUST_MIN, COMMAND_MAX = 36000.0, 1000.0, 20000.0, 65535.0
-SHORT_MAX = 32767.0  # the rate loops hand over 16-bit numbers
+SHORT_MAX = 32767.0  # outputs of the rate loops are 16-bit numbers
 
 
 class Cascade(NamedTuple):
-    """What the cascade remembers from tick to tick; `update` changes it in place.
+    """State of the cascade; `update` changes it in place.
 
     Attributes:
-        integral: Of each loop's error, in loop order X .. YAW_RATE, shape (12,).
+        integral: Integral of each loop's error, in loop order X .. YAW_RATE, shape (12,).
         measured: Last measurement of each loop, for the derivative, shape (12,).
-        attitude: Wanted roll, pitch, yaw, deg, shape (3,).
-        thrust: Wanted common motor command, shape (1,).
-        output: Motor commands that the rate loops ask for about roll, pitch, yaw, shape (3,).
-        mode: Of the last setpoint, shape (1,).
+        attitude: Reference of roll, pitch, yaw, deg, shape (3,).
+        thrust: Common motor command, shape (1,).
+        output: Outputs of the rate loops for roll, pitch, yaw, in motor commands, shape (3,).
+        mode: Mode of the last setpoint, shape (1,).
         motors: Commands to the four motors, 0 .. 65535, shape (4,).
     """
 
@@ -78,12 +78,15 @@ class Cascade(NamedTuple):
 
     @classmethod
     def fresh(cls) -> "Cascade":
-        """As after switching on: motors off, no setpoint yet."""
+        """Return the state after power-on: motors off, no setpoint yet."""
         return cls(*(np.zeros(size) for size in (12, 12, 3, 1, 3, 1, 4)))
 
     @classmethod
     def hovering(cls, command: float, yaw: float) -> "Cascade":
-        """In steady hover at a motor `command`, heading `yaw`, in rad: the vertical integrator carries the weight."""
+        """Return the state of steady hover at a motor `command` and heading `yaw`, in rad.
+
+        The vertical integrator carries the weight.
+        """
         cascade = cls.fresh()
         cascade.attitude[2] = cascade.measured[YAW] = math.degrees(yaw)
         cascade.integral[VZ] = (command - THRUST_BASE) / THRUST_SCALE / GAINS[VZ, 1]
@@ -104,15 +107,15 @@ def update(
     angles: tuple[float, float, float],
     rates: Array,
 ) -> None:
-    """One tick: new motor commands, in `cascade.motors`.
+    """Run the cascade for one tick of 1 ms; the motor commands are in `cascade.motors` afterwards.
 
     Args:
-        cascade: Its memory.
-        tick: Counts ms; tells which loops are due.
-        mode: Of the setpoint, from STOPPED to TILT_THRUST.
+        cascade: State of the cascade; it changes.
+        tick: Number of the tick; it determines which loops run.
+        mode: Mode of the setpoint, from STOPPED to TILT_THRUST.
         setpoint: Three values and a heading or yaw rate, see the modes, shape (4,).
-        position: Estimate, m, world, shape (3,).
-        velocity: Estimate, m/s, world, shape (3,).
+        position: Estimated position, m, world, shape (3,).
+        velocity: Estimated velocity, m/s, world, shape (3,).
         angles: Estimated roll, pitch (positive nose down), yaw, rad.
         rates: Measured turn rates, rad/s, body, shape (3,).
     """
@@ -145,7 +148,7 @@ def update(
 
 @compiled
 def pid(cascade: Cascade, loop: int, error: float, measured: float, change: float, period: float) -> float:
-    """Output of one loop: PID with the derivative of the measurement, which changed by `change` in `period` s."""
+    """Return the output of one loop: PID with the derivative of the measurement, `change` per `period` (s)."""
     kp, ki, kd, integral_max, output_max = GAINS[loop]
     integral = cascade.integral[loop] + error * period
     integral = min(integral_max, max(-integral_max, integral))
@@ -159,13 +162,13 @@ def pid(cascade: Cascade, loop: int, error: float, measured: float, change: floa
 
 @compiled
 def plain(cascade: Cascade, loop: int, wanted: float, measured: float, period: float) -> float:
-    """Output of a loop whose values do not wrap around."""
+    """Return the output of a loop whose values do not wrap around."""
     return pid(cascade, loop, wanted - measured, measured, measured - cascade.measured[loop], period)
 
 
 @compiled
 def wrapped(angle: float) -> float:
-    """The same direction, in -180 .. 180 deg."""
+    """Return the equivalent angle in -180 .. 180 deg."""
     return angle - 360.0 * math.floor((angle + 180.0) / 360.0)
 
 
@@ -173,11 +176,11 @@ def wrapped(angle: float) -> float:
 def velocity_wanted(
     cascade: Cascade, mode: int, setpoint: Array, position: Array, yaw: float
 ) -> tuple[float, float, float]:
-    """Position loops: wanted velocity along the heading, across it, and up, m/s."""
+    """Run the position loops; return the wanted velocity along the heading, to the left of it and up, m/s."""
     period = POSITION_EVERY * TICK
     cosine, sine = math.cos(yaw), math.sin(yaw)
     ahead, left, up = setpoint[0], setpoint[1], setpoint[2]
-    if mode != HOVER:  # given in the world
+    if mode != HOVER:  # given in the world frame
         ahead, left = cosine * ahead + sine * left, cosine * left - sine * ahead
     if mode == POSITION:
         here_ahead = cosine * position[0] + sine * position[1]
@@ -191,7 +194,7 @@ def velocity_wanted(
 
 @compiled
 def attitude_and_thrust(cascade: Cascade, wanted: tuple[float, float, float], velocity: Array, yaw: float) -> None:
-    """Velocity loops: wanted tilt and common motor command."""
+    """Run the velocity loops: they set the wanted roll and pitch, and the common motor command."""
     period = POSITION_EVERY * TICK
     cosine, sine = math.cos(yaw), math.sin(yaw)
     ahead, left = cosine * velocity[0] + sine * velocity[1], cosine * velocity[1] - sine * velocity[0]
@@ -205,7 +208,7 @@ def attitude_and_thrust(cascade: Cascade, wanted: tuple[float, float, float], ve
 
 @compiled
 def turn(cascade: Cascade, roll: float, pitch: float, yaw: float, rates: Array) -> None:
-    """Attitude loops and, inside them, rate loops; angles in deg, rates in rad/s."""
+    """Run the attitude loops and the rate loops inside them; angles in deg, rates in rad/s."""
     period = ATTITUDE_EVERY * TICK
     yaw_error = wrapped(cascade.attitude[2] - yaw)
     yaw_change = wrapped(yaw - cascade.measured[YAW])
@@ -221,7 +224,7 @@ def turn(cascade: Cascade, roll: float, pitch: float, yaw: float, rates: Array) 
 
 @compiled
 def mix(cascade: Cascade) -> None:
-    """Motor commands from common command and outputs; where one is too great, all are lowered alike."""
+    """Compute the motor commands; if one exceeds the maximum, all are lowered by the same amount."""
     thrust = cascade.thrust[0]
     roll, pitch, yaw = int(cascade.output[0] / 2), int(cascade.output[1] / 2), cascade.output[2]
     motors = cascade.motors
@@ -236,7 +239,7 @@ def mix(cascade: Cascade) -> None:
 
 @compiled
 def reset(cascade: Cascade, position: Array, roll: float, pitch: float, yaw: float) -> None:
-    """Forget all integrals, as the firmware does when the mode of the setpoint changes and while there is no thrust."""
+    """Reset all integrals, as the firmware does when the mode of the setpoint changes and while there is no thrust."""
     for loop in range(len(GAINS)):
         cascade.integral[loop] = 0.0
         cascade.measured[loop] = position[loop] if loop <= Z else 0.0

@@ -1,4 +1,4 @@
-"""Compilation to machine code: what takes a thousand small steps per simulated second cannot be interpreted."""
+"""Compilation to machine code, for functions that run a thousand times per simulated second."""
 
 import hashlib
 from collections.abc import Callable
@@ -11,10 +11,11 @@ F = TypeVar("F", bound=Callable[..., object])
 
 
 def _folder() -> str:
-    """Return where the machine code of the present sources is kept; empty for numba's own choice.
+    """Return the folder for the machine code of the present sources; empty for numba's own choice.
 
-    numba compiles a function anew when its file changed, but not when only a file of functions that it calls did. So
-    all modules of this package, which holds whatever is compiled, name the folder: their names and their texts.
+    numba recompiles a function when its file has changed, but not when only a file of functions that it calls has. So
+    the name of the folder is a hash of the names and texts of all modules of this package, which contains all compiled
+    functions.
     """
     here = Path(__file__).parent
     total = hashlib.sha256()
@@ -23,7 +24,7 @@ def _folder() -> str:
     folder = here / "__pycache__" / f"model-{total.hexdigest()[:16]}"
     try:
         folder.mkdir(parents=True, exist_ok=True)
-    except OSError:  # an installation that may not be written
+    except OSError:  # a read-only installation
         return ""
     return str(folder)
 
@@ -32,9 +33,10 @@ FOLDER = _folder()
 
 
 def compiled(function: F) -> F:
-    """The same function, compiled on its first call and kept on disk for the next process.
+    """Return the function, compiled on its first call and cached on disk for the next process.
 
-    One thread, and IEEE arithmetic in the order written (`fastmath` off), so that a run repeats to the last bit.
+    It uses one thread, and IEEE arithmetic in the order written (`fastmath` off), so that runs are reproducible bit for
+    bit.
     """
     settings: Any = numba.config
     before = settings.CACHE_DIR

@@ -1,4 +1,4 @@
-"""The motion of a quadrotor: rigid body, four rotors, drag, ground. Pure functions, compiled.
+"""Dynamics of a quadrotor: rigid body, four rotors, drag, ground. Pure functions, compiled.
 
 World frame: z up. Body frame: x forward, y left, z up. State, shape (17,), SI units:
 
@@ -9,7 +9,7 @@ World frame: z up. Body frame: x forward, y left, z up. State, shape (17,), SI u
     13:17  rotor speeds, rad/s, positive
 
 Rotors: 1 front right, 2 back right, 3 back left, 4 front left, at ±lever on both axes; 1 and 3 turn counter-clockwise
-seen from above. (numba has no keyword-only parameters: the parameters are the fields of a `Vehicle`, with units.)
+seen from above. The parameters are the fields of a `Vehicle`, since numba has no keyword-only arguments.
 
 Sources: rigid body and reaction of the rotors: Mahony, Kumar, Corke, "Multirotor Aerial Vehicles", IEEE RAM 2012,
 with the angular momentum of the rotors kept; drag and rotor curves: J. Förster, "System Identification
@@ -29,13 +29,13 @@ STATES = 17
 
 @compiled
 def thrust(speed: float, vehicle: Vehicle) -> float:
-    """Thrust of one rotor, N, at its `speed`, rad/s."""
+    """Return the thrust of one rotor, N, at a `speed`, rad/s."""
     return vehicle.thrust[0] + (vehicle.thrust[1] + vehicle.thrust[2] * speed) * speed
 
 
 @compiled
 def speed_for(command: float, vehicle: Vehicle) -> float:
-    """The speed, rad/s, at which a rotor settles under a constant motor `command`, 0 .. 65535."""
+    """Return the steady speed of a rotor, rad/s, under a constant motor `command`, 0 .. 65535."""
     asked = vehicle.command[0] + (vehicle.command[1] + vehicle.command[2] * command) * command  # N
     c, b, a = vehicle.thrust[0] - asked, vehicle.thrust[1], vehicle.thrust[2]  # thrust(speed) = asked
     return (-b + math.sqrt(max(0.0, b * b - 4 * a * c))) / (2 * a)
@@ -43,15 +43,13 @@ def speed_for(command: float, vehicle: Vehicle) -> float:
 
 @compiled
 def spin_up(speed: float, target: float, vehicle: Vehicle) -> float:
-    """Acceleration of a rotor, rad/s², on its way from `speed` to `target`, rad/s."""
+    """Return the acceleration of a rotor, rad/s², at `speed` with the steady speed `target`, rad/s."""
     gap, square_gap = target - speed, target * target - speed * speed
     if gap > 0:
         change = vehicle.faster[0] * gap + vehicle.faster[1] * square_gap
     else:
         change = vehicle.slower[0] * gap + vehicle.slower[1] * square_gap
-    if (
-        vehicle.thrust_lag > 0
-    ):  # the lag is of the thrust: dT/dt = (T(target) - T) / lag, and dT/dt = dT/dspeed · change
+    if vehicle.thrust_lag > 0:  # first-order lag of the thrust: dT/dspeed · change = dT/dt = (T(target) - T) / lag
         slope = vehicle.thrust[1] + 2 * vehicle.thrust[2] * speed
         change += (vehicle.thrust[1] * gap + vehicle.thrust[2] * square_gap) / (slope * vehicle.thrust_lag)
     return change
@@ -59,16 +57,13 @@ def spin_up(speed: float, target: float, vehicle: Vehicle) -> float:
 
 @compiled
 def derivative(state: Array, targets: Array, wind: Array, vehicle: Vehicle) -> Array:
-    """Rate of change of `state`.
+    """Return the rate of change of `state`, shape (17,), in the unit of each component per s.
 
     Args:
-        state: Shape (17,).
-        targets: Rotor speeds that the motors are driven to, shape (4,), rad/s.
+        state: State of the body, shape (17,).
+        targets: Steady speeds of the rotors under the present motor commands, shape (4,), rad/s.
         wind: Velocity of the air, shape (3,), m/s, world.
-        vehicle: Its parameters.
-
-    Returns:
-        Shape (17,), the unit of each component per s.
+        vehicle: Parameters of the vehicle.
     """
     rate = np.empty(STATES)
     x, y, z, w = state[3], state[4], state[5], state[6]
@@ -130,7 +125,7 @@ def derivative(state: Array, targets: Array, wind: Array, vehicle: Vehicle) -> A
 
 @compiled
 def rk4(state: Array, targets: Array, wind: Array, vehicle: Vehicle, step: float) -> Array:
-    """The state a `step`, in s, later: Runge and Kutta's classical method, and the quaternion back to unit length."""
+    """Return the state after a `step`, in s, by the classical Runge-Kutta method; the quaternion is normalised."""
     k1 = derivative(state, targets, wind, vehicle)
     k2 = derivative(moved(state, k1, step / 2), targets, wind, vehicle)
     k3 = derivative(moved(state, k2, step / 2), targets, wind, vehicle)
@@ -146,7 +141,7 @@ def rk4(state: Array, targets: Array, wind: Array, vehicle: Vehicle, step: float
 
 @compiled
 def moved(state: Array, rate: Array, duration: float) -> Array:
-    """The sum state + rate · duration, shape (17,)."""
+    """Return state + rate · duration, shape (17,)."""
     result = np.empty(STATES)
     for i in range(STATES):
         result[i] = state[i] + duration * rate[i]
@@ -155,9 +150,9 @@ def moved(state: Array, rate: Array, duration: float) -> Array:
 
 @compiled
 def on_ground(state: Array) -> Array:
-    """The state, held by the ground if it is at or below it: it does not bounce, slip or topple.
+    """Return the state with contact to the ground: the body does not bounce, slip or topple.
 
-    A body that touches z = 0 stands on its legs at once: level, at rest but for an upward velocity, its heading kept.
+    A body at or below z = 0 stands on its legs at once: level, at rest except for an upward velocity, heading kept.
     """
     if state[2] > 0.0:
         return state
@@ -166,7 +161,7 @@ def on_ground(state: Array) -> Array:
     heading = math.sqrt(state[5] ** 2 + state[6] ** 2)
     if heading > 0.0:
         held[5], held[6] = state[5] / heading, state[6] / heading
-    else:  # it came down exactly on its back
+    else:  # it landed exactly on its back
         held[6] = 1.0
     held[9] = max(0.0, state[9])
     for rotor in range(13, STATES):
@@ -176,7 +171,7 @@ def on_ground(state: Array) -> Array:
 
 @compiled
 def roll_pitch_yaw(state: Array) -> tuple[float, float, float]:
-    """Attitude as angles in rad, turned about z, then y, then x; positive pitch is nose down."""
+    """Return the attitude as angles in rad (rotations about z, then y, then x); positive pitch is nose down."""
     x, y, z, w = state[3], state[4], state[5], state[6]
     roll = math.atan2(2 * (y * z + x * w), 1 - 2 * (x * x + y * y))
     pitch = math.asin(min(1.0, max(-1.0, -2 * (x * z - y * w))))

@@ -1,4 +1,4 @@
-"""A Crazyflie in flight: its controller and its body, tick by tick. Compiled."""
+"""Simulation of a Crazyflie in flight: controller and body, tick by tick. Compiled."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""A simulated Crazyflie with everything around it: body, controller, sensing, wind. It does as it is commanded."""
+"""Simulated Crazyflie: body, controller, sensing and wind, under commands."""
 
 import math
 
@@ -14,31 +14,31 @@ from plants.sensing import Estimator, Sensor
 from plants.wind import Wind
 
 SLOT = POSITION_EVERY * TICK  # s; sensing and wind are stepped as often as the position loop
-COMMAND = 100  # ticks between commands to keep to a point, as it does to take off, land and hold
-APPROACH, APPROACH_MAX = 1.0, 0.5  # 1/s and m/s: horizontal velocity towards that point for each m, and at most
-STOPPING = 0.4  # s; how long the velocity of before carries on until it has stopped
-CLIMB, SINK = 0.4, 0.3  # m/s
-QUIET, STILL = 0.01, 0.01  # m and m/s: what counts as hovering
-SETTLED = 1.0  # s of it end the take-off
-PATIENCE = 20.0  # s; then it ends anyhow, as it does in gusts or with noise
-REACHED = 0.2  # m; further off, the take-off has failed
-NEAR_GROUND = 0.03  # m; motors off
+COMMAND = 100  # ticks between velocity commands towards a point, in take-off, landing and hold
+APPROACH, APPROACH_MAX = 1.0, 0.5  # 1/s and m/s: horizontal velocity towards that point per m, and its bound
+STOPPING = 0.4  # s; the stopping distance is that of the present velocity in this time
+CLIMB, DESCENT = 0.4, 0.3  # m/s
+QUIET, STILL = 0.01, 0.01  # m and m/s within which the vehicle hovers
+SETTLED = 1.0  # s of hovering after which the take-off ends
+SETTLE_TIMEOUT = 20.0  # s after which the take-off ends in any case, as in gusts or with noise
+REACHED = 0.2  # m from the goal up to which the take-off has succeeded
+NEAR_GROUND = 0.03  # m below which the motors are switched off
 
 
 class Twin:
-    """One Crazyflie in model time, which counts in ticks of 1 ms.
+    """One Crazyflie in model time, in ticks of 1 ms.
 
     Args:
-        vehicle: Its parameters.
-        position: Where it stands, or hovers, shape (3,), in m.
-        velocity: Its velocity, shape (3,), in m/s. None: it stands on the ground, motors off.
-        sensor: What measures its position; None: it knows position and velocity exactly.
-        wind: The air around it.
-        rng: Draws the errors of sensing.
+        vehicle: Parameters of the vehicle.
+        position: Initial position, on the ground or in hover, shape (3,), in m.
+        velocity: Initial velocity, shape (3,), in m/s. None: on the ground, motors off.
+        sensor: Positioning system; None: the estimate is exact.
+        wind: Wind around the vehicle.
+        rng: Source of the errors of sensing.
 
     Attributes:
-        state: Of the body, shape (17,), see `dynamics`.
-        tick: How many have passed.
+        state: State of the body, shape (17,), see `dynamics`.
+        tick: Number of ticks passed.
     """
 
     def __init__(
@@ -59,7 +59,7 @@ class Twin:
         self.state[6] = 1.0
         self._cascade = Cascade.fresh()
         self._mode, self._setpoint = STOPPED, np.zeros(4)
-        self._point: tuple[float, float, float] | None = None  # to keep to
+        self._point: tuple[float, float, float] | None = None  # point to hold
         if velocity is not None:
             self.state[7:10] = velocity
             self.state[13:] = vehicle.hover_speed
@@ -70,7 +70,7 @@ class Twin:
 
     @property
     def estimate(self) -> Array:
-        """Position and velocity as the vehicle knows them, shape (6,), in m and m/s."""
+        """Estimated position and velocity, shape (6,), in m and m/s."""
         if self._estimator is None:
             return self._truth()
         passed = self.tick % POSITION_EVERY * TICK  # since the estimator's last step
@@ -79,7 +79,7 @@ class Twin:
 
     @property
     def height(self) -> float:
-        """As the vehicle knows it, in m."""
+        """Estimated height, in m."""
         return float(self.estimate[2])
 
     def command(self, mode: int, setpoint: tuple[float, float, float, float]) -> None:
@@ -94,7 +94,7 @@ class Twin:
         self.command(HOVER, (ahead, left, height, 0.0))
 
     def hold(self, height: float) -> tuple[float, float]:
-        """Brake, and keep to the point where it can stop, which is returned, at a `height`, in m."""
+        """Brake and hover at the stopping point, at a `height`, in m; return that point, in m."""
         if self._point is None:
             x, y = (float(value) for value in self.estimate[:2] + STOPPING * self.estimate[3:5])
             self._keep_to(x, y, height)
@@ -114,12 +114,12 @@ class Twin:
         self.command(STOPPED, (0.0, 0.0, 0.0, 0.0))
 
     def run(self, ticks: int) -> None:
-        """Let `ticks` pass under the last command."""
+        """Simulate a number of ticks under the last command."""
         end = self.tick + ticks
         while self.tick < end:
             into = self.tick % POSITION_EVERY
             if into == 0:
-                self._look_around()
+                self._update_estimate()
             if self._point and self.tick % COMMAND == 0:
                 self._keep_to(*self._point)
             count = min(POSITION_EVERY - into, end - self.tick)
@@ -137,14 +137,14 @@ class Twin:
             self.tick += count
 
     def take_off(self, height: float) -> None:
-        """Climb from the ground, straight up, and settle at `height`, in m.
+        """Climb straight up from the ground and settle at `height`, in m.
 
         Raises:
-            PlantError: It is elsewhere in the end, as in too strong a wind.
+            PlantError: The vehicle ends elsewhere, as in too strong a wind.
         """
         x, y, wanted, quiet = float(self.state[0]), float(self.state[1]), 0.0, 0.0
         goal = np.array([x, y, height, 0.0, 0.0, 0.0])
-        give_up = self.tick + (height / CLIMB + PATIENCE) / TICK
+        give_up = self.tick + (height / CLIMB + SETTLE_TIMEOUT) / TICK
         while quiet < SETTLED and self.tick < give_up:
             wanted = min(height, wanted + CLIMB * COMMAND * TICK)
             self._keep_to(x, y, wanted)
@@ -156,24 +156,24 @@ class Twin:
             raise PlantError(f"take-off: expected to hover at {goal[:3].tolist()} m, came to {there} m")
 
     def land(self) -> None:
-        """Come to rest, sink straight down, and stop the motors on the ground."""
+        """Come to rest, descend vertically, and stop the motors on the ground."""
         wanted = self.height
         x, y = self.hold(wanted)
         while wanted > -1.0 and self.state[2] > NEAR_GROUND:
-            wanted -= SINK * COMMAND * TICK
+            wanted -= DESCENT * COMMAND * TICK
             self._keep_to(x, y, wanted)
             self.run(COMMAND)
         self.stop()
         self.run(round(0.5 / TICK))
 
     def _keep_to(self, x: float, y: float, height: float) -> None:
-        """Hover towards a point: one command by velocity, renewed every `COMMAND` ticks."""
+        """Hover towards a point: a velocity command, renewed every `COMMAND` ticks."""
         away = APPROACH * (np.array([x, y]) - self.estimate[:2])
         east, north = (float(value) for value in np.clip(away, -APPROACH_MAX, APPROACH_MAX))
         self.hover((east, north), height)
         self._point = x, y, height
 
-    def _look_around(self) -> None:
+    def _update_estimate(self) -> None:
         self._wind.step(SLOT)
         if self._estimator is None:
             self._estimate = self._truth()

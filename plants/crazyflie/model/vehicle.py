@@ -1,4 +1,4 @@
-"""The parameters of a Crazyflie, read from the files beside this one."""
+"""Parameters of a Crazyflie, read from TOML files."""
 
 import tomllib
 from pathlib import Path
@@ -14,24 +14,24 @@ COMMAND_MAX = 65535.0
 
 
 class Vehicle(NamedTuple):
-    """What the dynamics need to know of one vehicle. Polynomials begin with the constant term.
+    """Physical parameters of one vehicle. Polynomials begin with the constant term.
 
     Attributes:
-        mass: kg.
-        gravity: m/s².
-        inertia: Shape (3, 3), kg m², body frame.
-        inertia_inverse: Shape (3, 3), 1 / (kg m²).
+        mass: Total mass, kg.
+        gravity: Acceleration of gravity, m/s².
+        inertia: Moment of inertia, shape (3, 3), kg m², body frame.
+        inertia_inverse: Inverse of `inertia`, shape (3, 3), 1 / (kg m²).
         lever: Distance of a rotor's axis from the body's x and y axes, m.
-        rotor_inertia: Of one rotor with its motor, kg m².
+        rotor_inertia: Moment of inertia of one rotor with its motor, kg m².
         thrust: Thrust of a rotor, N, as a quadratic polynomial of its speed in rad/s.
         torque: Drag torque of a rotor, N m, as a quadratic polynomial of its speed in rad/s.
-        command: Thrust that a rotor settles at, N, as a quadratic polynomial of the motor command, 0 .. 65535.
+        command: Steady thrust of a rotor, N, as a quadratic polynomial of the motor command, 0 .. 65535.
         faster: Coefficients a, b of d(speed)/dt = a (target - speed) + b (target² - speed²), 1/s and 1/rad, when the
             speed is below its target.
-        slower: The same when it is above.
-        thrust_lag: Time constant of the thrust, s; 0 where `faster` and `slower` say it all.
-        drag: Force against the velocity through the air, kg/s, on the body's axes.
-        drag_per_speed: What is added to it for each rad/s of the sum of rotor speeds, kg/rad.
+        slower: The same coefficients when the speed is above its target.
+        thrust_lag: Time constant of the thrust, s; 0 if `faster` and `slower` describe the lag completely.
+        drag: Drag coefficients on the body's axes, relative to the air, kg/s.
+        drag_per_speed: Increase of `drag` per rad/s of the sum of rotor speeds, kg/rad.
     """
 
     mass: float
@@ -51,30 +51,30 @@ class Vehicle(NamedTuple):
 
     @property
     def thrust_max(self) -> float:
-        """Greatest thrust of all rotors together, N."""
+        """Maximum thrust of all rotors together, N."""
         return 4 * float(np.polyval(self.command[::-1], COMMAND_MAX))
 
     @property
     def weight(self) -> float:
-        """N."""
+        """Weight of the vehicle, N."""
         return self.mass * self.gravity
 
     @property
     def hover_speed(self) -> float:
-        """Rotor speed, rad/s, at which the rotors carry the weight."""
+        """Rotor speed in hover, rad/s."""
         return float(np.roots([*self.thrust[:0:-1], self.thrust[0] - self.weight / 4]).max())
 
     @property
     def hover_command(self) -> float:
-        """Motor command, 0 .. 65535, at which the rotors carry the weight."""
+        """Motor command in hover, 0 .. 65535."""
         c, b, a = self.command[0] - self.weight / 4, self.command[1], self.command[2]
         return float(-c / b if a == 0 else (-b + np.sqrt(b * b - 4 * a * c)) / (2 * a))
 
     def carrying(self, mass: float) -> "Vehicle":
-        """The same vehicle at another total `mass`, kg; the inertia stays, as if the load sat in the centre.
+        """Return the vehicle with another total `mass`, kg; the inertia stays, as for a load in the centre.
 
         Raises:
-            ValueError: The mass is not positive, or the rotors cannot lift it with a tenth to spare.
+            ValueError: The mass is not positive, or the maximum thrust is less than 1.1 times the weight.
         """
         liftable = self.thrust_max / self.gravity / 1.1
         if not 0 < mass <= liftable:
@@ -85,15 +85,15 @@ class Vehicle(NamedTuple):
 
 
 def known() -> list[str]:
-    """Names of the parameter sets that there are."""
+    """Return the names of the available parameter sets."""
     return sorted(path.stem for path in FOLDER.glob("*.toml"))
 
 
 def read(name: str) -> Vehicle:
-    """The vehicle of a parameter set.
+    """Read the vehicle of a parameter set.
 
     Raises:
-        ValueError: There is no such set; the message names those that there are.
+        ValueError: There is no such set; the message names the available ones.
     """
     if name not in known():
         raise ValueError(f"unknown parameters {name!r}; known: {', '.join(known())}")
@@ -101,7 +101,7 @@ def read(name: str) -> Vehicle:
 
 
 def vehicle_of(table: dict[str, Any]) -> Vehicle:
-    """A vehicle from a parameter file, which has the numbers and units of its source."""
+    """Return the vehicle of a parameter file, whose numbers are in the units of their source."""
     thrust, torque, command = _rotor_curves(table["rotor"])
     lag = table["rotor"]["lag"]
     inertia = np.array(table["inertia"])
@@ -127,7 +127,7 @@ def vehicle_of(table: dict[str, Any]) -> Vehicle:
 
 
 def _rotor_curves(rotor: dict[str, Any]) -> tuple[Array, Array, Array]:
-    """Thrust and torque over speed, and thrust over command, from whichever curves the source gives."""
+    """Return thrust and torque over speed, and thrust over command, from the curves that the source gives."""
     command = np.array(rotor["thrust_of_command"])
     if "thrust_of_rpm" in rotor:
         powers = RPM ** -np.arange(3.0)
@@ -146,5 +146,5 @@ def _three(values: Any) -> tuple[float, float, float]:
 
 
 def _per_rpm(values: Any) -> tuple[float, float]:
-    """Coefficients of speed and squared speed that are given for rpm."""
+    """Convert coefficients of speed and squared speed from rpm."""
     return float(values[0]), float(values[1]) / RPM

@@ -385,10 +385,10 @@ def test_what_was_left_in_the_air_is_refused_and_landed(drone: Emulated, cache: 
     left = CrazyflieHardware(2, np.zeros(2), SAMPLE, uri=drone.uri, cache=str(cache))
     drive(left.prepare())
     drive(left.arm())
-    link, _, pilot = left._connected()
+    link, _, autopilot = left._connected()
     link.high_level.takeoff(0.4, 1.5)  # as if its process had been killed in a manoeuvre: the planner hovers on
     until(lambda: where(drone)[2] > 0.3, "it is in the air", within=5.0)
-    pilot.end()
+    autopilot.close()
     link.close()
     plant = CrazyflieHardware(2, np.zeros(2), SAMPLE, uri=drone.uri, cache=str(cache))
     drive(plant.prepare())

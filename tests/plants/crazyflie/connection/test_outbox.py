@@ -43,7 +43,7 @@ def crazyflie(driver: Driver) -> Any:
 
 @pytest.fixture
 def outbox(crazyflie: Any) -> Iterator[Outbox]:
-    made = Outbox(crazyflie, insistent=True)
+    made = Outbox(crazyflie, always_resend=True)
     made.start()
     yield made
     made.close()
@@ -60,7 +60,7 @@ def test_what_is_not_answered_is_sent_again_until_it_is(outbox: Outbox, driver: 
     crazyflie.send_packet(packet(1, 2), expected_reply=(1, 2), timeout=0.1)
     until(lambda: len(driver.sent) >= 3, "it is sent three times", within=3.0)
     crazyflie.packet_received.call(packet(1, 2, 0))
-    assert outbox._awaited == {}
+    assert outbox._pending == {}
 
 
 def test_where_no_answer_is_expected_it_is_sent_once(outbox: Outbox, driver: Driver) -> None:
@@ -71,21 +71,21 @@ def test_where_no_answer_is_expected_it_is_sent_once(outbox: Outbox, driver: Dri
 
 
 def test_a_driver_that_sends_again_by_itself_is_left_to_it(driver: Driver, crazyflie: Any) -> None:
-    outbox = Outbox(crazyflie, insistent=False)
+    outbox = Outbox(crazyflie, always_resend=False)
     outbox.send_packet(packet(8), expected_reply=(8,), timeout=0.1)
-    assert outbox._awaited == {}
+    assert outbox._pending == {}
     driver.needs_resending = True
     outbox.send_packet(packet(8), expected_reply=(8,), timeout=0.1)
-    assert len(outbox._awaited) == 1
+    assert len(outbox._pending) == 1
 
 
 def test_an_answer_belongs_to_the_question_with_most_in_common(outbox: Outbox, crazyflie: Any) -> None:
     outbox.send_packet(packet(1), expected_reply=(1,), timeout=60.0)
     outbox.send_packet(packet(1, 2), expected_reply=(1, 2), timeout=60.0)
     crazyflie.packet_received.call(packet(1, 2, 3))
-    assert [bytes(each.packet.data) for each in outbox._awaited.values()] == [b"\x01"]
+    assert [bytes(each.packet.data) for each in outbox._pending.values()] == [b"\x01"]
     crazyflie.packet_received.call(packet(1, 2, 3, channel=0))
-    assert len(outbox._awaited) == 1
+    assert len(outbox._pending) == 1
 
 
 def test_a_driver_that_fails_holds_nobody_up(outbox: Outbox, driver: Driver) -> None:

@@ -2,11 +2,11 @@
 
 import pytest
 
-from plants.crazyflie.emulator.supervisor import PERIOD, FirmwareSupervisor, Look, SupervisorState
+from plants.crazyflie.emulator.supervisor import PERIOD, FirmwareSupervisor, Observation, SupervisorState
 
 pytestmark = pytest.mark.real_time
 
-STILL = Look(thrust=False, tumbled=False, setpoint_age=0, healthy=True, ready_timeout=30000, landed_timeout=3000)
+STILL = Observation(thrust=False, tumbled=False, setpoint_age=0, healthy=True, ready_timeout=30000, landed_timeout=3000)
 UP = STILL._replace(thrust=True)
 
 
@@ -17,10 +17,10 @@ class Watched:
         self.supervisor = FirmwareSupervisor()
         self.now = 0
 
-    def see(self, what: Look, milliseconds: int = PERIOD) -> SupervisorState:
+    def see(self, what: Observation, milliseconds: int = PERIOD) -> SupervisorState:
         for _ in range(milliseconds // PERIOD):
             self.now += PERIOD
-            self.supervisor.look(what, self.now)
+            self.supervisor.update(what, self.now)
         return self.supervisor.state
 
 

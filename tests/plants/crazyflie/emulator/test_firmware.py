@@ -172,17 +172,17 @@ def test_heading_is_found_in_a_packed_quaternion(yaw: float) -> None:
 
 def test_estimator_without_base_stations_gets_unsure_and_recovers_by_a_position_from_outside(tmp_path: Path) -> None:
     flown = Flown(tmp_path / "truth.jsonl", seed=1)
-    belief = flown.firmware.belief
+    estimator = flown.firmware.estimator
     with flown.truth:
-        assert belief.variance < 1e-3
+        assert estimator.variance < 1e-3
         flown.firmware.lighthouse.received = 0
         flown.run(5.0)
-        assert belief.variance > 0.1
+        assert estimator.variance > 0.1
         for _ in range(200):
             flown.tell(crtp.LOCALISATION, 0, "fff", *flown.firmware.body.position)
             flown.run(0.02)
-    assert belief.variance < 1e-3
-    np.testing.assert_allclose(belief.estimate[:3], flown.firmware.body.position, atol=0.02)
+    assert estimator.variance < 1e-3
+    np.testing.assert_allclose(estimator.estimate[:3], flown.firmware.body.position, atol=0.02)
 
 
 def test_battery_is_empty_after_about_seven_minutes_of_hovering() -> None:

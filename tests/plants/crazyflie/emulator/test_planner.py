@@ -33,7 +33,7 @@ def planner(x: float = 0.0, y: float = 0.0, z: float = 0.0, yaw: float = 0.0) ->
     """One that may plan, for a drone that stands there."""
     made = Planner()
     made.block(False)
-    made.tell(np.array([x, y, z]), np.zeros(3), yaw)
+    made.set_state(np.array([x, y, z]), np.zeros(3), yaw)
     return made
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from plants.crazyflie.emulator.radio import Air, Radio
+from plants.crazyflie.emulator.radio import Radio, RadioConditions
 from tests.support.cflib_client import Client, client
 from tests.support.emulated import Emulated, until
 
@@ -23,17 +23,17 @@ def cf(drone: Emulated, cache: Path) -> Iterator[Client]:
         yield connected
 
 
-def radio(**air: float) -> Radio:
-    return Radio(Air(**air), np.random.default_rng(1))
+def radio(**conditions: float) -> Radio:
+    return Radio(RadioConditions(**conditions), np.random.default_rng(1))
 
 
 def arrivals(of: Radio, sent: Iterable[float]) -> list[tuple[float, bytes]]:
     """What comes of packets sent up at these instants: when, and which."""
     came: list[tuple[float, bytes]] = []
     for number, instant in enumerate(sent):
-        came += of.up.arrive(instant)
+        came += of.up.pop_due(instant)
         of.send_up(instant, number.to_bytes(4, "little"))
-    return [*came, *of.up.arrive(1e9)]
+    return [*came, *of.up.pop_due(1e9)]
 
 
 def test_packet_takes_the_latency_and_an_exponential_tail_on_top() -> None:

@@ -11,7 +11,7 @@ from cflib.crazyflie.high_level_commander import HighLevelCommander
 from cflib.crtp.crtpstack import CRTPPacket
 
 from plants.crazyflie.emulator.planner import Planner
-from plants.crazyflie.emulator.setpoints import STOP, ByThrust, FirmwareSetpoint, generic
+from plants.crazyflie.emulator.setpoints import STOP, FirmwareSetpoint, RpytDecoder, generic
 from plants.crazyflie.model.cascade import (
     HOVER,
     POSITION,
@@ -86,7 +86,7 @@ def test_full_state_gives_its_place_and_heading() -> None:
 
 
 def test_thrust_counts_only_after_it_was_zero_and_pitch_forward_is_nose_down() -> None:
-    sent, by_thrust = Sent(), ByThrust()
+    sent, by_thrust = Sent(), RpytDecoder()
     for thrust, mode in ((40000, STOPPED), (0, STOPPED), (500, STOPPED), (40000, TILT_THRUST), (65535, TILT_THRUST)):
         Commander(sent).send_setpoint(9.0, 18.0, 0.0, thrust)
         found = by_thrust.setpoint(sent.data)
@@ -113,15 +113,15 @@ def test_what_is_not_known_is_no_setpoint() -> None:
     ],
 )
 def test_levelled_setpoint_keeps_what_was_asked_for_the_vertical(mode: int, level: int) -> None:
-    assert FirmwareSetpoint(mode, (0.3, -0.2, 0.7, 0.4)).levelled == FirmwareSetpoint(level, (0.0, 0.0, 0.7, 0.0))
-    assert STOP.levelled == STOP
+    assert FirmwareSetpoint(mode, (0.3, -0.2, 0.7, 0.4)).level == FirmwareSetpoint(level, (0.0, 0.0, 0.7, 0.0))
+    assert STOP.level == STOP
 
 
 def test_planner_understands_cflib() -> None:
     sent, planner = Sent(), Planner()
     commander = HighLevelCommander(sent)
     planner.block(False)
-    planner.tell(np.array([1.0, 2.0, 0.0]), np.zeros(3), 0.3)
+    planner.set_state(np.array([1.0, 2.0, 0.0]), np.zeros(3), 0.3)
     commander.takeoff(0.5, 2.0, yaw=None)
     assert planner.command(sent.data, 0) == 0
     assert planner.setpoint(2000).values == pytest.approx((1.0, 2.0, 0.5, 0.3))

@@ -1,0 +1,83 @@
+"""State estimator of the drone: position, velocity and variance."""
+
+import math
+
+import numpy as np
+
+from dcf_zenoh.plant import Array
+from plants.sensing import Estimator, Sensor
+
+# The numbers are our assumption; a real Crazyflie needs one to two seconds from a reset to a usable position.
+VARIANCE_START, VARIANCE_MIN, SETTLING = 100.0, 1e-5, 0.15  # m², m²; s in which variance and error fall to 1/e
+GROWTH = 0.05  # m²/s of variance while nothing measures
+EXTERNAL_GAIN, EXTERNAL_RATE, EXTERNAL_FOR = 0.3, 1.5, 0.3  # weight of a position from outside; 1/s; s that it counts
+
+
+class StateEstimator:
+    """Estimate of position and velocity, and its variance.
+
+    A reset sets the estimate to the origin; measurements then correct it. Without measurements the estimate follows the
+    accelerometer and the variance grows.
+
+    Args:
+        sensor: Positioning system; None: position and velocity are exact.
+        position: Initial position, shape (3,), m.
+        rng: Source of the errors.
+
+    Attributes:
+        estimate: Estimated position and velocity, shape (6,), m and m/s.
+        variance: Variance of the position, m², the same on each axis.
+        fixed_variance: Variance to report instead of the computed one; None: the computed one.
+        frozen: The estimate does not change any more.
+    """
+
+    def __init__(self, sensor: Sensor | None, position: Array, rng: np.random.Generator) -> None:
+        self._estimator = Estimator(sensor, position, np.zeros(3), rng) if sensor else None
+        self._error = np.zeros(3)
+        self._external_until = 0.0
+        self._variance = VARIANCE_START
+        self.estimate = np.concatenate((position, np.zeros(3)))
+        self.fixed_variance: float | None = None
+        self.frozen = False
+        self.reset()
+
+    @property
+    def variance(self) -> float:
+        """Variance of the position, m², the same on each axis."""
+        return self._variance if self.fixed_variance is None else self.fixed_variance
+
+    def reset(self) -> None:
+        """Reset the estimate to the origin, with a large variance."""
+        self._variance = VARIANCE_START
+        self._error = -self.estimate[:3]
+
+    def correct(self, position: Array) -> None:
+        """Correct the estimate by a position from an external system, shape (3,), m."""
+        self._external_until = EXTERNAL_FOR
+        if self._estimator is not None:
+            error = position - self._estimator.estimate[:3]
+            self._estimator.estimate[:3] += EXTERNAL_GAIN * error
+            self._estimator.estimate[3:] += EXTERNAL_RATE * error
+
+    def step(self, position: Array, velocity: Array, duration: float, *, measured: bool) -> None:
+        """Advance by `duration`.
+
+        Args:
+            position: True position at the end, shape (3,), m.
+            velocity: True velocity at the end, shape (3,), m/s.
+            duration: Duration of the step, s.
+            measured: The drone's own sensors measure its position.
+        """
+        self._external_until -= duration
+        if measured or self._external_until > 0:
+            keep = math.exp(-duration / SETTLING)
+            self._variance = VARIANCE_MIN + (self._variance - VARIANCE_MIN) * keep
+            self._error = self._error * keep
+        else:
+            self._variance += GROWTH * duration
+        if self._estimator is not None:
+            self._estimator.step(position, velocity, duration, measured=measured)
+        if not self.frozen:
+            known = np.concatenate((position, velocity)) if self._estimator is None else self._estimator.estimate.copy()
+            known[:3] += self._error
+            self.estimate = known
