@@ -6,7 +6,7 @@ READY := $(VENV)/.ready
 
 unexport PYTHONDONTWRITEBYTECODE  # processes start faster from compiled modules
 
-.PHONY: demo test bench package clean
+.PHONY: demo test bench docs package clean
 
 demo: $(READY)  ## four daemons fly the position swap over Zenoh, in virtual time
 	$(BIN)/agentd launch position_swap --clock virtual
@@ -26,6 +26,10 @@ bench: $(READY)  ## ratios against a bare Zenoh loop and the bare generators
 	$(BIN)/python benchmarks/latency.py
 	$(BIN)/python benchmarks/crazyflie.py
 	$(BIN)/python benchmarks/wall_clock.py
+
+docs: $(READY)  ## the web site of the documents, in build/site; warnings are errors
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[docs]'
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict --quiet
 
 package: $(READY)  ## source distribution and wheel in dist/, checked
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[package]'

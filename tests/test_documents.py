@@ -5,6 +5,7 @@ import re
 import subprocess
 import sys
 import tomllib
+from hashlib import sha256
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -15,11 +16,12 @@ from dcf_zenoh import simulate
 from dcf_zenoh.config import load
 
 ROOT = Path(__file__).parents[1]
-DOCUMENTS = sorted([ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md", *ROOT.glob("docs/*.md")])
+DOCUMENTS = sorted([ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md", *ROOT.glob("docs/**/*.md")])
 
 # An example is complete if a comment above it says so: '<!-- file: NAME -->', which others of the same document may
 # refer to, or '<!-- run -->'.
 FENCE = re.compile(r"(?:<!-- (?P<mark>[^\n]*) -->\n)?^ *```(?P<language>\w*)\n(?P<text>.*?)^ *```$", re.M | re.S)
+DIAGRAM = re.compile(r"^```mermaid\n(.*?)^```$", re.M | re.S)
 LINK = re.compile(r"\]\((?!https?:)([^)#\s]*)(?:#([^)\s]*))?\)")
 
 # A fleet in which lossy networks are allowed, for snippets to be put into.
@@ -95,7 +97,9 @@ def test_every_python_example_compiles(document: Path) -> None:
             compile("\n".join(line[indent:] for line in lines), named(document), "exec")
 
 
-@pytest.mark.parametrize("document", [each for each in DOCUMENTS if files(each)], ids=named)
+@pytest.mark.parametrize(
+    "document", [each for each in DOCUMENTS if any(name.endswith(".toml") for name in files(each))], ids=named
+)
 def test_fleet_files_can_be_simulated(document: Path, folder: Path) -> None:
     fleets = sorted(folder.glob("*.toml"))
     assert fleets
@@ -148,3 +152,25 @@ def test_every_relative_link_leads_somewhere(document: Path) -> None:
         assert path.exists(), f"{target} is not there"
         if anchor:
             assert anchor in anchors(path), f"{target} has no heading #{anchor}"
+
+
+def test_every_diagram_has_a_picture_of_its_present_text() -> None:
+    wanted = {
+        f"{path.stem}_{sha256(diagram.encode()).hexdigest()[:12]}.svg"
+        for path in DOCUMENTS
+        for diagram in DIAGRAM.findall(path.read_text(encoding="utf-8"))
+    }
+    assert wanted
+    found = {path.name for path in ROOT.glob("docs/images/*.svg")}
+    assert found == wanted, "run python docs/figures/diagrams.py"
+
+
+def test_every_decision_is_in_the_index() -> None:
+    folder = ROOT / "docs" / "decisions"
+    listed = [target for target, _ in LINK.findall((folder / "README.md").read_text(encoding="utf-8"))]
+    records = sorted(path.name for path in folder.glob("[0-9]*.md"))
+    assert [target for target in listed if target[0].isdigit()] == records
+    for number, name in enumerate(records, 1):
+        assert name.startswith(f"{number:04}-")
+        headings = re.findall(r"^## (.*)$", (folder / name).read_text(encoding="utf-8"), re.M)
+        assert headings == ["Context", "Decision", "Consequences"], name

@@ -1,0 +1,160 @@
+"""Pages of the site that are generated when it is built, so that they cannot go stale.
+
+MkDocs calls the functions ``on_*`` as a hook (mkdocs.yml). They add a page for each group of plug-ins with the keys of
+every kind, a page for each Python package, the contribution guide and the changelog.
+"""
+
+import hashlib
+import re
+from collections.abc import Iterator
+from dataclasses import is_dataclass
+from pathlib import Path
+from typing import Any, get_args
+
+from griffe import Docstring, DocstringSectionKind
+from mkdocs.config.defaults import MkDocsConfig
+from mkdocs.exceptions import PluginError as BuildError
+from mkdocs.structure.files import File, Files
+
+from dcf_zenoh.diagnostics import show, type_name
+from dcf_zenoh.plugins import GROUPS, REQUIRED, Parameter, accepted, known, load
+
+ROOT = Path(__file__).parents[2]
+DOCS = ROOT / "docs"
+PACKAGES = ("dcf_zenoh", "agentd", "plants", "topologies")
+COPIED = {"CONTRIBUTING.md": "contributing.md", "CHANGELOG.md": "changelog.md", "README.md": "index.md"}
+MERMAID = re.compile(r"^```mermaid\n(.*?)^```$", re.M | re.S)
+LINK = re.compile(r"\]\((?!https?:|#|mailto:)([^)#\s]*)((?:#[^)\s]*)?)\)")
+
+
+def on_config(config: MkDocsConfig) -> MkDocsConfig:
+    """Fill the empty entries of the navigation."""
+    decisions = sorted(DOCS.glob("decisions/[0-9]*.md"))
+    generated = {
+        "Kinds and their keys": [f"reference/kinds/{group}.md" for group in GROUPS],
+        "Packages": [{package: f"reference/packages/{package}.md"} for package in packages()],
+        "Decisions": ["decisions/README.md", *(f"decisions/{path.name}" for path in decisions)],
+    }
+    for section in config.nav or []:
+        for entries in section.values():
+            for entry in entries if isinstance(entries, list) else []:
+                if isinstance(entry, dict) and (title := next(iter(entry))) in generated:
+                    entry[title] = generated[title]
+    return config
+
+
+def on_files(files: Files, *, config: MkDocsConfig) -> Files:
+    """Add the generated pages."""
+    for group in GROUPS:
+        files.append(File.generated(config, f"reference/kinds/{group}.md", content="\n".join(kinds(group))))
+    for package, path in packages().items():
+        content = "\n".join(package_page(package, path))
+        files.append(File.generated(config, f"reference/packages/{package}.md", content=content))
+    for source, target in COPIED.items():
+        if source != "README.md":
+            content = (ROOT / source).read_text(encoding="utf-8")
+            content = LINK.sub(lambda link: f"]({from_root(link[1])}{link[2]})", content)
+            files.append(File.generated(config, target, content=content))
+    return files
+
+
+def on_page_markdown(markdown: str, *, page: Any, config: MkDocsConfig, files: Files) -> str:  # noqa: ARG001
+    """Turn links that lead out of the folder of documents inwards, and diagrams into pictures."""
+    above = "../" * page.file.src_uri.count("/")
+    outside = re.compile(rf"\]\({re.escape(above)}\.\./([^)#\s]*)((?:#[^)\s]*)?)\)")
+    markdown = outside.sub(lambda link: f"]({above}{from_root(link[1])}{link[2]})", markdown)
+    markdown = re.sub(r"\[([^\]]*)\]\((?:\.\./)*outside:[^)]*\)", r"\1", markdown)
+    return MERMAID.sub(lambda block: f"![Diagram]({above}{picture(block[1], page.file.src_uri)})", markdown)
+
+
+def from_root(path: str) -> str:
+    """Return where a file of the repository is on the site; a file that is not gets the scheme ``outside:``."""
+    return COPIED.get(path) or (path.removeprefix("docs/") if path.startswith("docs/") else f"outside:{path}")
+
+
+def picture(diagram: str, page: str) -> str:
+    """Return the path of the picture that docs/figures/diagrams.py rendered from a diagram.
+
+    Raises:
+        BuildError: There is none, because the diagram has changed since.
+    """
+    name = f"images/{Path(page).stem}_{hashlib.sha256(diagram.encode()).hexdigest()[:12]}.svg"
+    if not (DOCS / name).exists():
+        raise BuildError(f"{page}: a diagram has no picture {name}: run python docs/figures/diagrams.py")
+    return name
+
+
+def packages() -> dict[str, Path]:
+    """Return all Python packages of the project by name, those above first."""
+    found = {}
+    for top in PACKAGES:
+        for init in sorted((ROOT / top).rglob("__init__.py")):
+            found[".".join(init.parent.relative_to(ROOT).parts)] = init.parent
+    return found
+
+
+def package_page(package: str, path: Path) -> Iterator[str]:
+    """Yield the lines of a page that documents the modules of a package."""
+    yield f"# {package}\n"
+    yield f"::: {package}\n    options:\n      show_root_heading: false\n      show_root_toc_entry: false\n"
+    for module in sorted(path.glob("[!_]*.py")):
+        yield f"::: {package}.{module.stem}\n"
+
+
+def kinds(group: str) -> Iterator[str]:
+    """Yield the lines of a page that lists the kinds of a group with their keys."""
+    yield f"# {group.capitalize()}\n"
+    yield "This page is generated from the plug-ins: the keyword-only arguments of a signature are the keys of a kind."
+    yield f"`agentd plugins {group}` prints the keys in a terminal.\n"
+    for name in sorted(known(group)):
+        plugin = load(group, name, Path())
+        sections = Docstring(plugin.__doc__ or "", lineno=1).parse("google", warnings=False)
+        texts = [each.value for each in sections if each.kind is DocstringSectionKind.text]
+        yield f"## {name}\n\n`{plugin.__module__}`: {escaped(texts[0]) if texts else ''}\n"
+        yield from (f"{escaped(text)}\n" for text in texts[1:])
+        described = meanings(plugin)
+        rows = [row for key in accepted(plugin).parameters for row in key_rows(key, described)]
+        if rows:
+            yield "| Key | Type | Default | Meaning |\n|---|---|---|---|"
+            yield from rows
+            yield ""
+        else:
+            yield "No keys.\n"
+        for section in sections:
+            if section.kind is DocstringSectionKind.admonition and section.title == "Source":
+                yield f"Source: {escaped(' '.join(section.value.description.split()))}\n"
+
+
+def meanings(described: object) -> dict[str, str]:
+    """Return what the docstring of a function or class says of each argument or attribute."""
+    lists = (DocstringSectionKind.parameters, DocstringSectionKind.other_parameters, DocstringSectionKind.attributes)
+    sections = Docstring(described.__doc__ or "", lineno=1).parse("google", warnings=False)
+    return {
+        each.name: " ".join(each.description.split())
+        for section in sections
+        if section.kind in lists
+        for each in section.value
+    }
+
+
+def key_rows(key: Parameter, described: dict[str, str], path: str = "") -> Iterator[str]:
+    """Yield the row of a key; of a sub-table the rows of its keys."""
+    name = f"{path}{key.name}"
+    if key.table is not None:
+        nested = next(each for each in (key.type, *get_args(key.type)) if is_dataclass(each))
+        for each in key.table.parameters:
+            yield from key_rows(each, meanings(nested), f"{name}.")
+        return
+    if key.default is REQUIRED:
+        shown = "required"
+    elif key.default is None:
+        shown = "none"
+    else:
+        shown = f"`{show(list(key.default) if isinstance(key.default, tuple) else key.default)}`"
+    cells = (f"`{name}`", type_name(key.type), shown, described.get(key.name, ""))
+    yield f"| {' | '.join(escaped(cell).replace('|', chr(92) + '|') for cell in cells)} |"
+
+
+def escaped(text: str) -> str:
+    """Return a text whose angle brackets are not taken for HTML."""
+    return re.sub(r"<(?=[a-zA-Z/])", "&lt;", text)
