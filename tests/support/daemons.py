@@ -6,7 +6,8 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -56,6 +57,29 @@ def until(true: Callable[[], object], what: str, within: float = 30.0) -> float:
         assert time.monotonic() - began < within, f"not so within {within:g} s: {what}"
         time.sleep(0.005)  # between two looks
     return time.monotonic() - began
+
+
+def launch_virtual(fleet: str | Path, out: Path, *options: str) -> dict[str, Any]:
+    """Launch daemons in virtual time, wait for their end and return the summary."""
+    command = [sys.executable, "-m", "agentd", "launch", str(fleet), "--clock", "virtual", "--out", str(out)]
+    done = subprocess.run(
+        [*command, "--json", "--no-report", *options], capture_output=True, text=True, timeout=100, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    summary: dict[str, Any] = json.loads(done.stdout)
+    return summary
+
+
+@contextmanager
+def both_cores_busy() -> Iterator[None]:
+    """Keep two processes computing."""
+    busy = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(2)]
+    try:
+        yield
+    finally:
+        for process in busy:
+            process.kill()
+            process.wait()
 
 
 class Launch:

@@ -8,7 +8,7 @@ import pytest
 import dcf_zenoh
 from dcf_zenoh.errors import NumericalError
 from dcf_zenoh.plugins import known
-from tests.system.test_reproducibility import launch
+from tests.support.daemons import launch_virtual
 
 FLEETS = {
     "quadratic": [[1.0]] * 4,
@@ -146,7 +146,7 @@ def test_every_algorithm_gives_the_same_bits_over_zenoh(topology: str, tmp_path:
     assert run.agents[1].decision.shape[1] > len(known("algorithms"))
     rounds = 12 * (len(known("algorithms")) - (topology == "path"))
     assert all(log.rounds.tolist() == [rounds] for log in run.agents.values())
-    launched = launch(fleet, tmp_path / "run")
+    launched = launch_virtual(fleet, tmp_path / "run")
     assert launched["digest"] == run.digest
 
 
@@ -160,7 +160,7 @@ def test_lossy_and_switching_fleets_and_one_with_bodies_give_the_same_bits_over_
     for name, changes in runs.items():
         run = dcf_zenoh.simulate(name, changes=changes)
         options = [word for change in changes for word in ("--set", change)]
-        assert launch(name, tmp_path / name, *options)["digest"] == run.digest
+        assert launch_virtual(name, tmp_path / name, *options)["digest"] == run.digest
 
 
 MINE = '''
@@ -239,7 +239,7 @@ def test_a_problem_and_an_algorithm_of_one_s_own_run_in_the_simulator_and_in_dae
     mine = dcf_zenoh.simulate(fleet)
     for log in mine.agents.values():
         np.testing.assert_allclose(log.decision[-1], [best], atol=1e-5)
-    assert launch(fleet, tmp_path / "run")["digest"] == mine.digest
+    assert launch_virtual(fleet, tmp_path / "run")["digest"] == mine.digest
     for algorithm in ("gradient_tracking", "extra", "edge_admm"):  # built-in ones on a problem of one's own
         other = dcf_zenoh.simulate(fleet, algorithm=algorithm)
         for log in other.agents.values():

@@ -14,7 +14,12 @@ LOOK_AHEAD = 0.05  # m, of the robot
 
 
 @pytest.mark.parametrize(
-    ("topology", "seed"), [("complete", 1), ("ring", 2), ("path", 3), ("star", 4), ("complete", 5)]
+    ("topology", "seed"),
+    [
+        ("ring", 2),
+        ("path", 3),
+        *(pytest.param(*each, marks=pytest.mark.large) for each in (("complete", 1), ("star", 4), ("complete", 5))),
+    ],
 )
 def test_unlike_bodies_arrive_and_keep_their_distance(topology: str, seed: int) -> None:
     run = dcf_zenoh.simulate("position_swap_mixed", topology=topology, seed=seed)

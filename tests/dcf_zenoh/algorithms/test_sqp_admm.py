@@ -73,8 +73,7 @@ def test_the_greatest_2_x_plus_y_on_the_unit_disc_is_at_2_1_over_the_root_of_5()
     assert found.error < 1e-8
 
 
-@pytest.mark.parametrize("topology", TOPOLOGIES)
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize(("seed", "topology"), enumerate(TOPOLOGIES))
 def test_the_ball_of_four_agents(seed: int, topology: str) -> None:
     rng = np.random.default_rng(seed)
     problems, answers = ball({i: float(rng.uniform(0.5, 2.0)) for i in AGENTS})
