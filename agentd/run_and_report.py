@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import IO, TYPE_CHECKING
 
 from agentd.run_directory import write_run_json
-from dcf_zenoh.config import LoadedFleet, load
+from dcf_zenoh.config import LoadedFleet, Overrides, load
 from dcf_zenoh.errors import DcfError, Landed, RecordingError
 from dcf_zenoh.records.run import Run
 
@@ -75,12 +75,14 @@ def load_as_asked(options: Namespace, *, run_plugins: bool = True, unused: bool 
     """The fleet that the options name; what the user should know goes to standard error."""
     fleet = load(
         options.fleet,
+        Overrides(
+            seed=options.seed,
+            clock=options.clock,
+            plant=options.plant,
+            algorithm=options.algorithm,
+            topology=options.topology,
+        ),
         changes=options.set,
-        seed=options.seed,
-        clock=options.clock,
-        plant=options.plant,
-        algorithm=options.algorithm,
-        topology=options.topology,
         run_plugins=run_plugins,
         unused=unused,
     )

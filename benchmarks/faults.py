@@ -14,6 +14,7 @@ import numpy as np
 
 from dcf_zenoh.faults.bursts import Bursts
 from dcf_zenoh.faults.chain import ALWAYS, FaultChain, Layer
+from dcf_zenoh.faults.fault import FaultLink
 from dcf_zenoh.faults.latency import Latency
 from dcf_zenoh.faults.loss import Loss
 from dcf_zenoh.message import Last, Message, canonical
@@ -24,7 +25,7 @@ GOAL = 15.0  # µs
 
 def chain() -> FaultChain:
     """A link on which few messages get lost, so that nearly all go through all three."""
-    latency = Latency(1, 2, Path(), mean=0.03, distribution="normal", std=0.005)
+    latency = Latency(FaultLink(1, 2, Path()), mean=0.03, distribution="normal", std=0.005)
     faults = {"loss": Loss(probability=0.01), "bursts": Bursts(mean_loss=0.01, mean_length=3.0), "latency": latency}
     return FaultChain(0, 1, 2, [Layer(name, [(ALWAYS, fault)]) for name, fault in faults.items()])
 

@@ -17,7 +17,7 @@ import dcf_zenoh
 from dcf_zenoh.algorithms.algorithm import Inbox
 from dcf_zenoh.algorithms.trades import trades
 from dcf_zenoh.assembly import Blueprint
-from dcf_zenoh.config import LoadedFleet, load
+from dcf_zenoh.config import LoadedFleet, Overrides, load
 from dcf_zenoh.plant import Array
 from dcf_zenoh.problems.position_swap import PositionSwap
 from dcf_zenoh.testing import fleet_of
@@ -58,7 +58,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--pairs", type=int, default=8)
     pairs = parser.parse_args().pairs
-    fleet = load("position_swap", clock="virtual")
+    fleet = load("position_swap", Overrides(clock="virtual"))
     run = dcf_zenoh.simulate(fleet)
     flown = run.steps * fleet.spec.time.sample_time
     shared = 1  # on a complete graph one round of each step shares the states

@@ -9,56 +9,43 @@ from dcf_zenoh.configuration.loaded_fleet import LoadedFleet
 from dcf_zenoh.configuration.reading.defaults import with_defaults
 from dcf_zenoh.configuration.reading.draft import read
 from dcf_zenoh.configuration.reading.layout import lay_out
+from dcf_zenoh.configuration.reading.overrides import NO_OVERRIDES, Overrides
 from dcf_zenoh.configuration.reading.validation import validate
 from dcf_zenoh.configuration.run_copy import freeze
 from dcf_zenoh.configuration.toml_writer import to_toml
 from dcf_zenoh.errors import ConfigurationError
 from dcf_zenoh.graph import Graph
 
-__all__ = ["LoadedFleet", "freeze", "graph_of", "load", "to_toml", "weights_of"]
+__all__ = ["LoadedFleet", "Overrides", "freeze", "graph_of", "load", "to_toml", "weights_of"]
 
 
 def load(
     source: str | Path,
+    overrides: Overrides = NO_OVERRIDES,
     *,
     changes: Iterable[str] = (),
-    seed: int | None = None,
-    clock: str | None = None,
-    plant: str | None = None,
-    algorithm: str | None = None,
-    topology: str | None = None,
     run_plugins: bool = True,
     unused: bool = True,
 ) -> LoadedFleet:
     """Read and check a fleet file.
 
     Plug-ins in use are imported, their signatures checked and their defaults filled in. The topology, the faults, and
-    built-in problems and plants are constructed, to see what they refuse; nothing else is. Files given by arguments are
-    looked for in the working directory, then beside the fleet file.
+    built-in problems and plants are constructed, to see what they refuse; nothing else is. Files that `overrides` and
+    `changes` name are looked for in the working directory, then beside the fleet file.
 
     Args:
         source: A path, or the name of a built-in fleet.
-        changes: Of single keys, ``key.path=value``, applied in order after all other arguments.
-        seed: In place of the file's.
-        clock: In place of the file's.
-        plant: Name of a table in [plants], or a kind, for all agents.
-        algorithm: Name of a table in [algorithms], or a kind, in place of [algorithm].
-        topology: A kind, in place of the file's.
-        run_plugins: Import plug-ins that are not part of dcf-zenoh; without it, what their text tells is checked,
-            and their defaults stay unsaid.
+        overrides: Choices that replace those of the file.
+        changes: Changes of single keys, ``key.path=value``, applied in order after `overrides`.
+        run_plugins: Import plug-ins that are not part of dcf-zenoh. Without it, only what their text tells is checked,
+            and their defaults are not filled in.
         unused: Check the algorithms and plants, too, that no agent uses, which imports those of dcf-zenoh.
 
     Raises:
-        ConfigurationError: With all problems of the file, one line each.
+        ConfigurationError: The file is not usable; the error has all problems, one line each.
     """
     draft = read(source, run_plugins=run_plugins)
-    if plant is not None:
-        draft.choose_plant(plant)
-    if algorithm is not None:
-        draft.choose_algorithm(algorithm)
-    for path, value in ((("topology", "kind"), topology), (("seed",), seed), (("time", "clock"), clock)):
-        if value is not None:
-            draft.assign(path, value)
+    draft.override(overrides)
     for change in changes:
         draft.change(change)
     draft.complete()

@@ -9,7 +9,7 @@ from typing import BinaryIO
 from threadpoolctl import threadpool_limits
 
 from dcf_zenoh.assembly import AgentParts, Blueprint
-from dcf_zenoh.config import LoadedFleet, freeze, load
+from dcf_zenoh.config import LoadedFleet, Overrides, freeze, load
 from dcf_zenoh.errors import DcfError, NeighbourLost
 from dcf_zenoh.graph import Graph
 from dcf_zenoh.records.agent_log import AgentLog
@@ -53,7 +53,9 @@ def simulate(
     """
     if not isinstance(fleet, LoadedFleet):
         fleet = load(
-            fleet, seed=seed, plant=plant, algorithm=algorithm, topology=topology, clock="virtual", changes=changes
+            fleet,
+            Overrides(seed=seed, plant=plant, algorithm=algorithm, topology=topology, clock="virtual"),
+            changes=changes,
         )
     if out is not None:
         out = Path(out)

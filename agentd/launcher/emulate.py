@@ -12,7 +12,7 @@ from urllib.parse import urlparse
 
 import numpy as np
 
-from dcf_zenoh.config import load
+from dcf_zenoh.config import Overrides, load
 from dcf_zenoh.errors import ConfigurationError
 
 if TYPE_CHECKING:
@@ -88,7 +88,7 @@ def places(options: Namespace) -> "dict[int, Place]":
             k + 1: Place(position, port=options.port and options.port + k, tcp=options.tcp)
             for k, position in enumerate(default_positions(options.n))
         }
-    spec = load(options.fleet, plant=options.plant).spec
+    spec = load(options.fleet, Overrides(plant=options.plant)).spec
     found = {}
     for i in spec.ids:
         agent = spec.agent(i)

@@ -13,7 +13,7 @@ from agentd.run_and_report import launch_with_progress, print_wide, simulate_int
 from agentd.run_directory import new_folder, new_run_folder
 from agentd.sweeps.variants import Variant, load_all, variants
 from dcf_zenoh import config
-from dcf_zenoh.config import LoadedFleet
+from dcf_zenoh.config import LoadedFleet, Overrides
 from dcf_zenoh.configuration.building.problem_and_plant import plant_classes
 from dcf_zenoh.errors import ConfigurationError, DcfError, Interrupted
 from dcf_zenoh.records.run import Run
@@ -80,12 +80,14 @@ def _load(variant: Variant, options: Namespace) -> LoadedFleet:
     def load(clock: str | None) -> LoadedFleet:
         return config.load(
             options.fleet,
+            Overrides(
+                seed=options.seed,
+                clock=clock,
+                plant=variant.choice("plant") or options.plant,
+                algorithm=variant.choice("algorithm") or options.algorithm,
+                topology=options.topology,
+            ),
             changes=[*options.set, *variant.changes],
-            seed=options.seed,
-            clock=clock,
-            plant=variant.choice("plant") or options.plant,
-            algorithm=variant.choice("algorithm") or options.algorithm,
-            topology=options.topology,
         )
 
     fleet = load(options.clock or (None if options.launch else "wall"))

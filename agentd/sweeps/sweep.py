@@ -22,7 +22,7 @@ from agentd.sweeps.variants import Variant, load_all, variants
 from agentd.sweeps.workers import WorkerDied, spread
 from dcf_zenoh import config
 from dcf_zenoh.analysis.oracle import NoOracle, consult
-from dcf_zenoh.config import LoadedFleet
+from dcf_zenoh.config import LoadedFleet, Overrides
 from dcf_zenoh.configuration.building.problem_and_plant import plant_classes
 from dcf_zenoh.errors import ConfigurationError, DcfError, Interrupted
 from dcf_zenoh.records.run import Run
@@ -61,12 +61,14 @@ class Choices(NamedTuple):
         """
         return config.load(
             self.fleet,
+            Overrides(
+                seed=seed,
+                clock="virtual",
+                plant=variant.choice("plant") or self.plant,
+                algorithm=variant.choice("algorithm") or self.algorithm,
+                topology=self.topology,
+            ),
             changes=[*self.set, *variant.changes],
-            seed=seed,
-            clock="virtual",
-            plant=variant.choice("plant") or self.plant,
-            algorithm=variant.choice("algorithm") or self.algorithm,
-            topology=self.topology,
         )
 
 

@@ -3,7 +3,8 @@
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from enum import IntEnum
-from typing import ClassVar
+from pathlib import Path
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
@@ -22,15 +23,29 @@ class Stage(IntEnum):
     PAYLOAD = 6  # what travelling does to its payload
 
 
+class FaultLink(NamedTuple):
+    """The directed link that a fault is for.
+
+    Attributes:
+        sender: Id of the sending agent.
+        receiver: Id of the receiving agent.
+        folder: Folder that paths of files are relative to: that of the fleet file.
+    """
+
+    sender: int
+    receiver: int
+    folder: Path
+
+
 class Fault(ABC):
     """One fault on one directed link.
 
     Each link has an instance of its own, so an instance may keep what it has seen. It is fed in the order in which the
     messages were sent. It knows no clock: `Delivery.entered` is when a message entered the link.
 
-    A constructor's positional parameters are filled in by name from `sender` and `receiver` (ids) and `folder` (what
-    paths are relative to). Its keyword-only parameters are the keys of its table in a fleet file, and a bare value in
-    place of the table, as in ``loss = 0.2``, is that of the first.
+    A constructor's positional parameters are filled in by name: `link`, a `FaultLink`, or any of its fields. Its
+    keyword-only parameters are the keys of its table in a fleet file, and a bare value in place of the table, as in
+    ``loss = 0.2``, is that of the first.
 
     Attributes:
         STAGE: Where it stands in the chain.

@@ -6,7 +6,7 @@ from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
-from dcf_zenoh.faults.fault import Fault, Stage
+from dcf_zenoh.faults.fault import Fault, FaultLink, Stage
 from dcf_zenoh.faults.limits import at_least, positive
 from dcf_zenoh.faults.profile import read_profile
 from dcf_zenoh.messaging.delivery import Delivery
@@ -33,17 +33,15 @@ class Latency(Fault):
     ============  ============  ====================================================================================
 
     Args:
-        sender: Id.
-        receiver: Id.
-        folder: What `file` is relative to.
-        mean: In s.
+        link: Link of this fault; `file` is relative to its folder.
+        mean: Mean latency, in s.
         distribution: One of the above.
         low: Least latency, in s.
         high: Largest latency, in s.
         std: Standard deviation, in s.
         file: Profile, as ``agentd links --export`` writes it.
-        reorder: Whether a message may overtake one that was sent before; else it comes with it at the earliest. A rule
-            for another time is another fault, and knows only the messages of that time.
+        reorder: Whether a message may overtake one that was sent before. If not, it is due no earlier than that one. A
+            rule for another time is another fault, which considers only the messages of that time.
 
     Raises:
         ValueError: A key of the distribution is missing or out of range, a key of another one is given, or the file is
@@ -56,9 +54,7 @@ class Latency(Fault):
 
     def __init__(
         self,
-        sender: int,
-        receiver: int,
-        folder: Path,
+        link: FaultLink,
         *,
         mean: float | None = None,
         distribution: Distribution = "constant",
@@ -71,7 +67,7 @@ class Latency(Fault):
         given = {"mean": mean, "low": low, "high": high, "std": std, "file": file}
         values = _belonging(distribution, given)
         if distribution == "empirical":
-            self._draw = _empirical(folder / values["file"], sender, receiver)
+            self._draw = _empirical(link.folder / values["file"], link.sender, link.receiver)
         else:
             self._draw = _DRAWS[distribution](**values)
         self._reorder = reorder

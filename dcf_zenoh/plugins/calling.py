@@ -16,7 +16,7 @@ CONTEXT: Mapping[str, tuple[str, ...]] = {
     "problems": ("agent", "agents", "sample_time", "nominal"),
     "plants": ("agent", "start", "sample_time", "rng"),
     "topologies": ("agents",),
-    "faults": ("sender", "receiver", "folder"),
+    "faults": ("link", "sender", "receiver", "folder"),
 }
 GROUPS = tuple(CONTEXT)
 

@@ -22,7 +22,7 @@ from dcf_zenoh import simulate
 from dcf_zenoh.faults.bandwidth import Bandwidth
 from dcf_zenoh.faults.bursts import Bursts
 from dcf_zenoh.faults.chain import ALWAYS, FaultChain, Layer, Passage
-from dcf_zenoh.faults.fault import Fault
+from dcf_zenoh.faults.fault import Fault, FaultLink
 from dcf_zenoh.faults.latency import Latency
 from dcf_zenoh.faults.loss import Loss
 from dcf_zenoh.faults.noise import Noise
@@ -130,7 +130,7 @@ def latency() -> Figure:
 
 
 def _latency(**keys: object) -> Latency:
-    return Latency(1, 2, Path(), **keys)  # type: ignore[arg-type]
+    return Latency(FaultLink(1, 2, Path()), **keys)  # type: ignore[arg-type]
 
 
 def bandwidth() -> Figure:

@@ -13,7 +13,7 @@ import pytest
 
 from agentd.cli import main
 from dcf_zenoh import Run
-from dcf_zenoh.config import load
+from dcf_zenoh.config import Overrides, load
 from dcf_zenoh.plugins import known
 from tests.support.command_line import Answer
 from tests.support.daemons import TRIO
@@ -294,7 +294,7 @@ def test_check_prints_a_file_that_loads_again_as_the_same_fleet(trio: Path, agen
     assert (answer.code, answer.err) == (0, "")
     copy = trio.with_name("copy.toml")
     copy.write_text(answer.out)
-    assert load(copy).spec == load(trio, seed=7, topology="path", changes=["exchange.max_rounds=40"]).spec
+    assert load(copy).spec == load(trio, Overrides(seed=7, topology="path"), changes=["exchange.max_rounds=40"]).spec
     assert agentd("check", copy).out == answer.out
 
 

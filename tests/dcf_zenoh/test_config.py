@@ -1,6 +1,6 @@
 from pathlib import Path
 
-from dcf_zenoh.config import load
+from dcf_zenoh.config import Overrides, load
 from dcf_zenoh.spec import Kind
 from tests.support.fleet_files import edit, problems
 
@@ -19,7 +19,7 @@ def test_agents_override_the_problem_and_target_is_short_for_problem_target(file
 
 
 def test_seed_and_clock_replace_those_of_the_file(file: Path) -> None:
-    spec = load(file, seed=4, clock="wall").spec
+    spec = load(file, Overrides(seed=4, clock="wall")).spec
     assert (spec.seed, spec.time.clock) == (4, "wall")
     assert problems(file, clock="sun")[0].startswith("time.clock: expected 'wall' or 'virtual'")
 

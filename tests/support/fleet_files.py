@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from dcf_zenoh.config import load
+from dcf_zenoh.config import Overrides, load
 from dcf_zenoh.errors import ConfigurationError
 
 FLEET = """
@@ -71,10 +71,10 @@ def edit(file: Path, old: str, new: str) -> None:
     file.write_text(text.replace(old, new))
 
 
-def problems(source: Path | str, *changes: str, **choices: Any) -> list[str]:
+def problems(source: Path | str, *changes: str, run_plugins: bool = True, **choices: Any) -> list[str]:
     """What loading finds wrong, without the file's name."""
     with pytest.raises(ConfigurationError) as caught:
-        load(source, changes=changes, **choices)
+        load(source, Overrides(**choices), changes=changes, run_plugins=run_plugins)
     assert caught.value.source == str(source)
     assert str(caught.value).splitlines() == [f"{source}: {problem}" for problem in caught.value.problems]
     return list(caught.value.problems)

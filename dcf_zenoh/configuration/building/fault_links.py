@@ -8,7 +8,7 @@ from typing import Any
 from dcf_zenoh.diagnostics import reason
 from dcf_zenoh.errors import PluginError
 from dcf_zenoh.faults.chain import ALWAYS, FaultChain, Layer
-from dcf_zenoh.faults.fault import Fault, Stage
+from dcf_zenoh.faults.fault import Fault, FaultLink, Stage
 from dcf_zenoh.graph import Graph
 from dcf_zenoh.plugins import Plugin, accepted, check_options, check_signature, load, positional
 from dcf_zenoh.plugins.schema import Schema, name_of
@@ -149,7 +149,7 @@ class Recipe:
     @property
     def asks_for_link(self) -> bool:
         """Whether it need not be the same on all links."""
-        return not {"sender", "receiver"}.isdisjoint(self.asked)
+        return not {"link", "sender", "receiver"}.isdisjoint(self.asked)
 
     def make(self, sender: int, receiver: int) -> Fault:
         """The fault of one link.
@@ -157,7 +157,8 @@ class Recipe:
         Raises:
             PluginError: The constructor refused the options, or made something else; an exception of its is the cause.
         """
-        context = {"sender": sender, "receiver": receiver, "folder": self.folder}
+        link = FaultLink(sender, receiver, self.folder)
+        context = {"link": link, **link._asdict()}
         try:
             fault = self.plugin(*(context[name] for name in self.asked), **self.values)
         except Exception as error:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from dcf_zenoh.configuration.reading.fault_shorthand import Spelling, is_fault, list_rules, number_rules
-from dcf_zenoh.configuration.reading.overrides import path_of, value_of, with_plain_id
+from dcf_zenoh.configuration.reading.overrides import Overrides, path_of, value_of, with_plain_id
 from dcf_zenoh.diagnostics import Diagnostics, listed, nearest, show
 from dcf_zenoh.errors import ConfigurationError
 from dcf_zenoh.plugins import known, split
@@ -81,6 +81,17 @@ class Draft:
     run_plugins: bool = True
     notes: list[str] = field(default_factory=list)
     problems: Diagnostics = field(default_factory=Diagnostics)
+
+    def override(self, given: Overrides) -> None:
+        """Replace the choices of the file by those given."""
+        if given.plant is not None:
+            self.choose_plant(given.plant)
+        if given.algorithm is not None:
+            self.choose_algorithm(given.algorithm)
+        values = ((("topology", "kind"), given.topology), (("seed",), given.seed), (("time", "clock"), given.clock))
+        for path, value in values:
+            if value is not None:
+                self.assign(path, value)
 
     def change(self, text: str) -> None:
         """Apply ``key.path=value``: the value in TOML, or else a string as it stands."""

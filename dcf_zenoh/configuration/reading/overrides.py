@@ -1,8 +1,31 @@
-"""What ``--set key.path=value`` says."""
+"""What replaces the values of a fleet file: choices such as ``--plant``, and changes ``--set key.path=value``."""
 
 import tomllib
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
+
+
+@dataclass(frozen=True)
+class Overrides:
+    """Choices that replace those of a fleet file; None leaves the file's.
+
+    Attributes:
+        seed: Seed of the fleet.
+        clock: ``wall`` or ``virtual``.
+        plant: Name of a table in [plants], or a kind, for all agents.
+        algorithm: Name of a table in [algorithms], or a kind, in place of [algorithm].
+        topology: Kind of the topology.
+    """
+
+    seed: int | None = None
+    clock: str | None = None
+    plant: str | None = None
+    algorithm: str | None = None
+    topology: str | None = None
+
+
+NO_OVERRIDES = Overrides()
 
 
 def path_of(key: str) -> tuple[str, ...]:

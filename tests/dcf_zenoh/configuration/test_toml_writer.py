@@ -6,7 +6,7 @@ from typing import Any
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from dcf_zenoh.config import LoadedFleet, load, to_toml
+from dcf_zenoh.config import LoadedFleet, Overrides, load, to_toml
 from tests.support.lossy_fleets import lossy
 
 
@@ -18,7 +18,7 @@ def again(spec_text: str, folder: Path) -> LoadedFleet:
 
 def test_written_out_file_loads_to_the_same_fleet(file: Path) -> None:
     changes = ["zenoh.settings.a/b='x [\\n'", "time.arrived.within=0.1", "agents.1.endpoint=tcp/127.0.0.1:9"]
-    for fleet in (load("position_swap"), load(file, changes=changes, topology="star", algorithm="fine")):
+    for fleet in (load("position_swap"), load(file, Overrides(topology="star", algorithm="fine"), changes=changes)):
         assert again(to_toml(fleet.spec), file.parent).spec == fleet.spec
 
 
@@ -99,7 +99,7 @@ OPTIONS = st.recursive(
     seed=st.integers(0, 2**63 - 1),
 )
 def test_any_value_survives_writing_out(file: Path, options: dict[str, Any], threshold: float, seed: int) -> None:
-    spec = load(file, seed=seed, changes=[f"exchange.threshold={threshold!r}"]).spec
+    spec = load(file, Overrides(seed=seed), changes=[f"exchange.threshold={threshold!r}"]).spec
     zenoh = spec.zenoh.model_copy(update={"settings": options})
     spec = spec.model_copy(update={"zenoh": zenoh})
     assert again(to_toml(spec), file.parent).spec == spec

@@ -14,7 +14,7 @@ from dcf_zenoh.faults.bandwidth import Bandwidth
 from dcf_zenoh.faults.bursts import Bursts
 from dcf_zenoh.faults.chain import ALWAYS, FaultChain, Layer
 from dcf_zenoh.faults.duplication import Duplication
-from dcf_zenoh.faults.fault import Fault
+from dcf_zenoh.faults.fault import Fault, FaultLink
 from dcf_zenoh.faults.latency import Latency
 from dcf_zenoh.faults.loss import Loss
 from dcf_zenoh.faults.noise import Noise
@@ -36,7 +36,7 @@ class Draw(Fault):
 
 
 def jitter() -> Latency:
-    return Latency(1, 2, HERE, distribution="normal", mean=0.02, std=0.005)
+    return Latency(FaultLink(1, 2, HERE), distribution="normal", mean=0.02, std=0.005)
 
 
 def drawn(
@@ -162,8 +162,8 @@ def test_copies_that_are_all_lost_are_put_down_to_the_fault_that_lost_them() -> 
 
 
 def test_later_entries_win_within_their_windows() -> None:
-    chain = link(latency=Latency(1, 2, HERE, mean=0.01))
-    chain.add("latency", (10 * MS, 30 * MS), Latency(1, 2, HERE, mean=0.05))
+    chain = link(latency=Latency(FaultLink(1, 2, HERE), mean=0.01))
+    chain.add("latency", (10 * MS, 30 * MS), Latency(FaultLink(1, 2, HERE), mean=0.05))
     chain.add("latency", (20 * MS, 25 * MS), None)
     chain.add("loss", (40 * MS, 41 * MS), Loss(probability=1.0))
     passages = convey(chain, 50)
@@ -189,7 +189,7 @@ def test_nothing_is_due_before_it_entered(gaps: list[int], seed: int, p: float, 
     chain = link(
         (seed, 1, 2),
         bandwidth=Bandwidth(rate=rate),
-        latency=Latency(1, 2, HERE, distribution="normal", mean=mean, std=0.01),
+        latency=Latency(FaultLink(1, 2, HERE), distribution="normal", mean=mean, std=0.01),
         duplication=Duplication(probability=p, delay=mean),
         loss=Loss(probability=p / 2),
     )
@@ -202,8 +202,8 @@ def test_nothing_is_due_before_it_entered(gaps: list[int], seed: int, p: float, 
 
 
 def test_clear_ends_what_was_added_and_leaves_what_was_given() -> None:
-    chain = link(latency=Latency(1, 2, HERE, mean=0.01))
-    chain.add("latency", (10 * MS, inf), Latency(1, 2, HERE, mean=0.05))
+    chain = link(latency=Latency(FaultLink(1, 2, HERE), mean=0.01))
+    chain.add("latency", (10 * MS, inf), Latency(FaultLink(1, 2, HERE), mean=0.05))
     chain.add("loss", (10 * MS, 12 * MS), Loss(probability=1.0))
     chain.add("bursts", (10 * MS, inf), None)
     chain.clear(20 * MS)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dcf_zenoh.faults.fault import Fault, Stage
+from dcf_zenoh.faults.fault import Fault, FaultLink, Stage
 from dcf_zenoh.faults.profile import LinkProfile, write_profile
 from dcf_zenoh.messaging.delivery import Delivery
 from dcf_zenoh.plugins import accepted, create, is_built_in, known, load
@@ -44,8 +44,8 @@ TABLES: list[tuple[str, dict[str, Any]]] = [
 
 def of_file(kind: str, options: dict[str, Any], folder: Path) -> Fault:
     """The fault that a fleet file in `folder` asks for, on the link from 1 to 2."""
-    context = {"sender": 1, "receiver": 2, "folder": folder}
-    fault = create(load("faults", kind, folder), context, options, "faults")
+    link = FaultLink(1, 2, folder)
+    fault = create(load("faults", kind, folder), {"link": link, **link._asdict()}, options, "faults")
     assert isinstance(fault, Fault)
     return fault
 

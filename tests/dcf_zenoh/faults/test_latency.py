@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
+from dcf_zenoh.faults.fault import FaultLink
 from dcf_zenoh.faults.latency import Latency
 from dcf_zenoh.faults.profile import LinkProfile, write_profile
 from tests.support.deliveries import CONFIDENCE, MS, S, alone, convey, delivery, latencies, link
@@ -19,7 +20,7 @@ HERE = Path()
 
 
 def latency(**options: Any) -> Latency:
-    return Latency(1, 2, HERE, **options)
+    return Latency(FaultLink(1, 2, HERE), **options)
 
 
 @pytest.fixture
@@ -65,12 +66,12 @@ def measured(x: Any, quantiles: tuple[float, ...]) -> Any:
 
 
 def test_empirical_latency_is_that_of_the_link(folder: Path) -> None:
-    fault = Latency(2, 1, folder, distribution="empirical", file="links.json")
+    fault = Latency(FaultLink(2, 1, folder), distribution="empirical", file="links.json")
     assert agrees(fault, lambda x: measured(x, SLOW))
 
 
 def test_a_link_that_was_not_measured_is_like_all_others(folder: Path) -> None:
-    fault = Latency(3, 1, folder, distribution="empirical", file="links.json")
+    fault = Latency(FaultLink(3, 1, folder), distribution="empirical", file="links.json")
     assert agrees(fault, lambda x: (measured(x, FAST) + measured(x, SLOW)) / 2)
 
 

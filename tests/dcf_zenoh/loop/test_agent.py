@@ -6,7 +6,7 @@ import pytest
 
 import dcf_zenoh
 from dcf_zenoh.assembly import Blueprint
-from dcf_zenoh.config import load
+from dcf_zenoh.config import Overrides, load
 from dcf_zenoh.errors import DcfError
 from dcf_zenoh.graph import Graph
 from dcf_zenoh.loop.agent import Arrival
@@ -87,7 +87,7 @@ def test_an_agent_alone_flies_to_its_target(tmp_path: Path) -> None:
 
 
 def test_a_simulation_in_which_nobody_can_go_on_says_who_waits_for_whom() -> None:
-    blueprint = Blueprint.of(load("average", clock="virtual"))
+    blueprint = Blueprint.of(load("average", Overrides(clock="virtual")))
     parts = [blueprint.build(i, BytesIO(), {"run": "x"}) for i in (1, 2, 3, 4)]  # agent 5 never comes
     links = [link for link in blueprint.graph.links if 5 not in link]
     with pytest.raises(DcfError, match=r"the simulation is stuck: agent 1 waits for \[5\] in step -8 round 0"):

@@ -13,6 +13,7 @@ import pytest
 from dcf_zenoh.algorithms.algorithm import Dialogue
 from dcf_zenoh.assembly import AgentParts
 from dcf_zenoh.faults.chain import ALWAYS, FaultChain, Layer
+from dcf_zenoh.faults.fault import FaultLink
 from dcf_zenoh.faults.latency import Latency
 from dcf_zenoh.graph import Graph, Neighbourhood, uniform
 from dcf_zenoh.loop.agent import Ending
@@ -110,7 +111,9 @@ def simulated(case: Case, dice: random.Random) -> tuple[Trace, dict[int, int], T
         hood = Neighbourhood.of(case.graph, agent, uniform(case.graph))
         mailbox = Mailbox(hood.receives_from)
         links = {
-            j: FaultChain(0, j, agent, [Layer("latency", [(ALWAYS, Latency(j, agent, Path(), mean=delay * 1e-9))])])
+            j: FaultChain(
+                0, j, agent, [Layer("latency", [(ALWAYS, Latency(FaultLink(j, agent, Path()), mean=delay * 1e-9))])]
+            )
             for j in hood.receives_from
             if (delay := case.latency[j, agent])
         }

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dcf_zenoh.config import load
+from dcf_zenoh.config import Overrides, load
 from dcf_zenoh.errors import ConfigurationError, PlantError
 from dcf_zenoh.plant import Check, State
 from plants.crazyflie.hardware import CrazyflieHardware
@@ -99,7 +99,7 @@ def test_it_is_real_and_has_its_drone_for_itself() -> None:
     with pytest.raises(
         ConfigurationError, match=rf"agents\.2\.plants\.hardware\.uri: '{uris[1]}' is taken by agent 1;"
     ):
-        load("position_swap", changes=changes, plant="hardware", clock="wall")
+        load("position_swap", Overrides(plant="hardware", clock="wall"), changes=changes)
     assert 10 < CrazyflieHardware.landing_time < 60
 
 

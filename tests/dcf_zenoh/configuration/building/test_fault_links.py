@@ -3,12 +3,12 @@ from typing import Any
 
 import pytest
 
-from dcf_zenoh.config import LoadedFleet, graph_of, load
+from dcf_zenoh.config import LoadedFleet, Overrides, graph_of, load
 from dcf_zenoh.configuration.building.fault_links import can_lose, fault_of, links_to, margin_of, needs_positions
 from dcf_zenoh.errors import PluginError
 from dcf_zenoh.faults.bursts import Bursts
 from dcf_zenoh.faults.chain import FaultChain
-from dcf_zenoh.faults.fault import Fault
+from dcf_zenoh.faults.fault import Fault, FaultLink
 from dcf_zenoh.faults.latency import Latency
 from dcf_zenoh.faults.loss import Loss
 from dcf_zenoh.faults.partition import Partition
@@ -54,6 +54,27 @@ def test_fault_is_of_its_link(tmp_path: Path) -> None:
         if link.convey(delivery(sender=i, entered=round(4.2 * S))).lost_by == "partition"
     }
     assert cut == {(1, 4), (4, 1), (2, 3), (3, 2)}
+
+
+LINKED = """
+from dcf_zenoh.faults.fault import Fault
+
+class Linked(Fault):
+    def __init__(self, receiver, link, *, often: int = 1):
+        self.receiver, self.link = receiver, link
+    def apply(self, delivery, rng):
+        return (delivery,)
+"""
+
+
+def test_fault_can_have_its_link_as_one_object_or_any_part_of_it(tmp_path: Path) -> None:
+    (tmp_path / "linked.py").write_text(LINKED)
+    fault: Any = fault_of("odd", table("./linked.py:Linked"), 3, 4, tmp_path)
+    assert fault.link == FaultLink(sender=3, receiver=4, folder=tmp_path)
+    assert fault.receiver == 4
+    into = links(load(lossy(tmp_path, '[faults]\nodd = { kind = "./linked.py:Linked" }')), 1)
+    layers = {sender: layer for sender, link in into.items() for layer in link._chain}
+    assert {sender: layer.acting(0).link[:2] for sender, layer in layers.items()} == {2: (2, 1), 4: (4, 1)}  # type: ignore[union-attr]
 
 
 def test_link_without_faults_costs_nothing(tmp_path: Path) -> None:
@@ -146,7 +167,7 @@ def test_margin_follows_from_what_can_be_lost_or_late(tmp_path: Path, changes: l
 
 
 def test_margin_is_there_where_rounds_time_out_on_the_wall_clock(tmp_path: Path) -> None:
-    spec = load(lossy(tmp_path, ""), clock="wall").spec  # what is late is lost, and operators can add faults
+    spec = load(lossy(tmp_path, ""), Overrides(clock="wall")).spec  # what is late is lost, and operators can add faults
     assert margin_of(spec, tmp_path) == 3
     patient = spec.model_copy(update={"exchange": spec.exchange.model_copy(update={"round_timeout": None})})
     assert margin_of(patient, tmp_path) == 0

@@ -2,7 +2,7 @@ from pathlib import Path
 
 import pytest
 
-from dcf_zenoh.config import load
+from dcf_zenoh.config import Overrides, load
 from tests.support.fleet_files import problems
 from tests.support.lossy_fleets import lossy
 
@@ -67,8 +67,8 @@ def test_silence_that_ends_the_run_is_foretold(tmp_path: Path, change: str, note
 def test_slowness_of_what_takes_no_time_is_noted(tmp_path: Path) -> None:
     path = lossy(tmp_path, "")
     slow = ["agents.2.faults.slow.factor=5"]
-    assert load(path, clock="virtual", changes=slow).notes == (
+    assert load(path, Overrides(clock="virtual"), changes=slow).notes == (
         "agents.2.faults.slow: without effect on the virtual clock, as exchange.compute_time is 0",
     )
-    assert load(path, clock="virtual", changes=[*slow, "exchange.compute_time=1e-4"]).notes == ()
-    assert load(path, clock="wall", changes=slow).notes == ()
+    assert load(path, Overrides(clock="virtual"), changes=[*slow, "exchange.compute_time=1e-4"]).notes == ()
+    assert load(path, Overrides(clock="wall"), changes=slow).notes == ()

@@ -2,7 +2,7 @@ from pathlib import Path
 
 import pytest
 
-from dcf_zenoh.config import graph_of, load
+from dcf_zenoh.config import Overrides, graph_of, load
 from tests.support.fleet_files import MINE, edit, problems
 
 
@@ -58,7 +58,7 @@ def test_either_all_agents_have_a_plant_or_none(file: Path, clock: str) -> None:
         "agents.3.plant: missing; either all agents have a plant or none: choose one of other, point_mass here, for"
         " all agents by plant = ..., or by --plant"
     ]
-    assert load(file, changes=[*plants, "agents.3.plant=other"], clock=clock).spec.has_plants
+    assert load(file, Overrides(clock=clock), changes=[*plants, "agents.3.plant=other"]).spec.has_plants
 
 
 def test_disconnected_topology_names_who_cannot_be_reached(file: Path) -> None:

@@ -2,7 +2,7 @@ from pathlib import Path
 
 import pytest
 
-from dcf_zenoh.config import load
+from dcf_zenoh.config import Overrides, load
 from dcf_zenoh.errors import ConfigurationError
 from tests.support.fleet_files import FLEET, MINE, problems
 
@@ -85,8 +85,10 @@ def test_nor_can_they_by_way_of_two_plants_of_one_kind(rovers: Path) -> None:
 def test_bodies_fly_at_a_height_that_is_in_the_arena(changes: list[str], height: str) -> None:
     arena = "arena={min=[-2,-2,0.1],max=[2,2,0.6]}"
     with pytest.raises(ConfigurationError) as refused:
-        load("position_swap", changes=[arena, *changes], plant="crazyflie")
+        load("position_swap", Overrides(plant="crazyflie"), changes=[arena, *changes])
     assert refused.value.problems == (
         f"plants.crazyflie.height: agent 1 would fly outside the arena: {height} m, allowed 0.1 .. 0.6 m",
     )
-    assert load("position_swap", changes=[arena, "plants.crazyflie.height=0.3"], plant="crazyflie").spec.arena
+    assert load(
+        "position_swap", Overrides(plant="crazyflie"), changes=[arena, "plants.crazyflie.height=0.3"]
+    ).spec.arena

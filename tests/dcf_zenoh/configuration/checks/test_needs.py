@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 import agentd.fleets
-from dcf_zenoh.config import load
+from dcf_zenoh.config import Overrides, load
 from tests.support.fleet_files import problems
 
 BUILT_IN = Path(agentd.fleets.__file__).parent
@@ -102,7 +102,7 @@ def test_a_game_in_which_all_actions_must_be_seen_needs_the_complete_graph(squar
         "topology: pseudo_gradient needs every agent to hear all others; agent 1 hears [2] of 2 (use topology"
         " 'complete')"
     ]
-    load(squares, changes=changes, algorithm="pseudo_gradient")  # three on a ring all hear each other
+    load(squares, Overrides(algorithm="pseudo_gradient"), changes=changes)  # three on a ring all hear each other
 
 
 def test_too_few_agents_are_refused(tmp_path: Path) -> None:
@@ -142,7 +142,7 @@ class Odd:
 
 def test_one_s_own_algorithms_are_restricted_by_what_they_say_alone(squares: Path) -> None:
     (squares.parent / "mine.py").write_text(MINE)
-    load(squares, algorithm=f"{squares.parent}/mine.py:free", changes=["topology.directed=true"])
+    load(squares, Overrides(algorithm=f"{squares.parent}/mine.py:free"), changes=["topology.directed=true"])
     assert problems(squares, algorithm=f"{squares.parent}/mine.py:choosy", topology="path")[0] == (
         "topology: choosy needs every agent to hear all others; agent 1 hears [2] of 2 (use topology 'complete')"
     )

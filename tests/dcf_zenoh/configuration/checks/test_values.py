@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from dcf_zenoh.config import load
+from dcf_zenoh.config import Overrides, load
 from dcf_zenoh.errors import ConfigurationError
 from tests.support.fleet_files import edit
 
@@ -15,7 +15,12 @@ REFUSED = "refused its options:"
 def found(*changes: str, source: str | Path = "position_swap", run_plugins: bool = True) -> list[str]:
     """What loading finds wrong."""
     with pytest.raises(ConfigurationError) as caught:
-        load(source, plant="twin" if source == "position_swap" else None, changes=changes, run_plugins=run_plugins)
+        load(
+            source,
+            Overrides(plant="twin" if source == "position_swap" else None),
+            changes=changes,
+            run_plugins=run_plugins,
+        )
     return list(caught.value.problems)
 
 

@@ -3,7 +3,7 @@ from pathlib import Path
 
 import pytest
 
-from dcf_zenoh.config import load
+from dcf_zenoh.config import Overrides, load
 from dcf_zenoh.spec import Kind
 from tests.support.fleet_files import MINE, edit, problems
 
@@ -95,7 +95,7 @@ def test_change_inside_a_value_is_refused(file: Path) -> None:
 
 def test_another_kind_drops_the_keys_of_the_old_one_and_says_so(file: Path) -> None:
     edit(file, 'kind = "ring"', 'kind = "grid"\nrows = 1\ncolumns = 3\nweights = "uniform"')
-    fleet = load(file, topology="ring")
+    fleet = load(file, Overrides(topology="ring"))
     assert fleet.spec.topology.options == {"directed": False}
     assert fleet.spec.topology.weights == "uniform"
     assert fleet.notes == ("topology: kind changed from grid to ring, dropped rows, columns",)
@@ -106,7 +106,7 @@ def test_keys_set_after_the_kind_are_kept(file: Path) -> None:
     assert fleet.spec.topology.options == {"rows": 1}
     fleet = load(file, changes=["topology.rows=1", "topology.kind=grid"])
     assert fleet.notes == ("topology: kind changed from ring to grid, dropped rows",)
-    assert load(file, topology="star", changes=["topology.hub=2"]).spec.topology.options == {"hub": 2}
+    assert load(file, Overrides(topology="star"), changes=["topology.hub=2"]).spec.topology.options == {"hub": 2}
 
 
 def test_another_kind_of_plant_drops_the_overrides_too(file: Path) -> None:
@@ -123,13 +123,13 @@ def test_another_kind_of_problem_drops_the_overrides_too(file: Path) -> None:
 
 
 def test_algorithm_is_chosen_among_the_named_tables(file: Path) -> None:
-    fleet = load(file, algorithm="fine", changes=["algorithms.fine.step=0.3"])
+    fleet = load(file, Overrides(algorithm="fine"), changes=["algorithms.fine.step=0.3"])
     assert fleet.spec.algorithm.options == {"relax": 0.5, "step": 0.3}
     assert fleet.notes == ("algorithm: replaced by [algorithms.fine], dropped step",)
 
 
 def test_algorithm_may_be_a_kind(file: Path) -> None:
-    fleet = load(file, algorithm="trades")
+    fleet = load(file, Overrides(algorithm="trades"))
     assert fleet.spec.algorithm.kind == "trades"
     assert fleet.spec.algorithm.options["step"] == 0.05  # its own default, not the 0.1 of the other kind
     assert fleet.notes == ("algorithm: kind changed from ./mine.py:descend to trades, dropped step",)
@@ -139,9 +139,9 @@ def test_plant_is_chosen_for_all_agents(file: Path) -> None:
     edit(file, "[agents.1]", "[plants.other]\nkind = './mine.py:Blimp'\n[agents.1]\nplant = 'other'")
     edit(file, "[agents.2]", "[agents.2]\nplant = 'point_mass'")
     edit(file, "[agents.3]", "[agents.3]\nplant = 'point_mass'")
-    chosen = load(file, plant="other").spec
+    chosen = load(file, Overrides(plant="other")).spec
     assert [chosen.agent(i).plant for i in chosen.ids] == [Kind(kind="./mine.py:Blimp", mass=1.0)] * 3  # type: ignore[call-arg]
-    implicit = load(file, plant="./mine.py:Blimp").spec
+    implicit = load(file, Overrides(plant="./mine.py:Blimp")).spec
     assert implicit.agent(2).plant == Kind(kind="./mine.py:Blimp", mass=1.0)  # type: ignore[call-arg]
 
 
@@ -150,7 +150,7 @@ def test_file_given_by_an_argument_is_looked_for_in_the_working_directory(
 ) -> None:
     (tmp_path / "mine.py").write_text(MINE)
     monkeypatch.chdir(tmp_path)
-    fleet = load("position_swap", algorithm="./mine.py:descend")
+    fleet = load("position_swap", Overrides(algorithm="./mine.py:descend"))
     assert fleet.spec.algorithm.kind == f"{tmp_path / 'mine.py'}:descend"
 
 
