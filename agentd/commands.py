@@ -177,13 +177,13 @@ def preflight(options: Namespace) -> int:
     For Crazyflies: battery, link quality, base stations, variance of the estimate, heading, distance from the start.
     The exit code is 1 if one of them could not fly.
     """
-    from agentd.launcher.preflight import inspect, table  # noqa: PLC0415
+    from agentd.launcher.preflight import inspect, inspection_table  # noqa: PLC0415
 
     options.clock = options.clock or "wall"
     fleet = load_as_asked(options)
-    found = inspect(fleet)
-    print_wide(options.output, table(fleet.spec.name, found))
-    problems = [line for each in found for line in each.problems]
+    inspections = inspect(fleet)
+    print_wide(options.output, inspection_table(fleet.spec.name, inspections))
+    problems = [line for each in inspections for line in each.problems]
     for line in problems:
         print(f"agentd: {line}", file=sys.stderr)
     return 1 if problems else 0

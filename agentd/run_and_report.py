@@ -60,7 +60,7 @@ def launch_with_progress(fleet: LoadedFleet, folder: Path, *, quiet: bool, yes: 
     from agentd.launcher.progress import Progress  # noqa: PLC0415
 
     with Progress(fleet.spec, quiet=quiet) as progress:
-        launch(fleet, folder, progress.show, progress.say, yes=yes)
+        launch(fleet, folder, progress.show, progress.message, yes=yes)
 
 
 def simulate_into(folder: Path, fleet: LoadedFleet) -> Run:

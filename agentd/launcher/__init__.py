@@ -1,1 +1,1 @@
-"""The launcher: daemons as child processes, terminal, run directory, preflight, emulated drones."""
+"""The launcher: one daemon per agent as a child process, its terminal and progress; preflight; emulated drones."""

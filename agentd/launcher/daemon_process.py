@@ -1,4 +1,4 @@
-"""One daemon as a child process: started, listened to, told."""
+"""One daemon as a child process: started, watched through its status lines, controlled through its standard input."""
 
 import json
 import subprocess
@@ -13,16 +13,16 @@ from typing import Any
 
 @dataclass
 class DaemonProcess:
-    """One child process.
+    """The process of one daemon.
 
     Attributes:
-        agent: Id.
-        process: The process.
+        agent: Id of the agent.
+        process: The child process.
         errors: File with its standard error.
-        status: Last status line.
-        started: Whether it has said that the fleet has agreed on the start.
-        code: Its exit code once it has ended; negative for a signal.
-        reader: Reads the status lines.
+        status: Latest value of every key of its status lines.
+        started: Whether the daemon has reported that the fleet has agreed on the start.
+        code: Exit code once it has ended, negative for a signal; None while it runs.
+        reader: Thread that reads the status lines.
     """
 
     agent: int
@@ -38,28 +38,28 @@ class DaemonProcess:
         self.reader.start()
 
     def _read_status(self) -> None:
-        """Keep the last status line; returns when the daemon closes its output."""
+        """Read status lines until the daemon closes its standard output."""
         assert self.process.stdout is not None
         with self.process.stdout as lines:
             for line in lines:
                 self.status = {**self.status, **json.loads(line)}
                 self.started = self.started or self.status.get("phase") == "start"
 
-    def tell(self, line: str) -> None:
-        """Write a line to its standard input; one that has ended needs none."""
+    def send_line(self, line: str) -> None:
+        """Write a line to the daemon's standard input; do nothing if the daemon has ended."""
         assert self.process.stdin is not None
         with suppress(BrokenPipeError, ValueError):
             self.process.stdin.write(f"{line}\n")
             self.process.stdin.flush()
 
-    def last_words(self) -> str:
-        """The last line of its standard error, without the name of the program."""
+    def last_error_line(self) -> str:
+        """Return the last line of the daemon's standard error, without the prefix "agentd: "."""
         lines = self.errors.read_text(encoding="utf-8", errors="replace").strip().splitlines()
         return lines[-1].removeprefix("agentd: ") if lines else ""
 
 
 def spawn(folder: Path, agent: int) -> DaemonProcess:
-    """Start one daemon, in a session of its own so that Ctrl-C reaches the launcher alone."""
+    """Start the daemon of an agent, in a session of its own so that Ctrl-C reaches the launcher alone."""
     command = [sys.executable, "-m", "agentd", "run", str(folder / "fleet.toml"), "--id", str(agent)]
     command += ["--out", str(folder), "--supervised"]
     path = folder / f"agent-{agent}.err"

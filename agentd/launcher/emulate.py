@@ -7,47 +7,44 @@ from argparse import Namespace
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
-from typing import TYPE_CHECKING
 from urllib.parse import urlparse
 
 import numpy as np
 
 from dcf_zenoh.config import Overrides, load
 from dcf_zenoh.errors import ConfigurationError
+from plants.crazyflie.emulator.fleet import Emulation, Place, default_positions
+from plants.crazyflie.emulator.radio import RadioConditions
+from plants.crazyflie.emulator.server import serve
 
-if TYPE_CHECKING:
-    from plants.crazyflie.emulator.fleet import Place
 
-
-class Signals:
-    """Turns SIGINT and SIGTERM into a word to look at."""
+class SignalFlag:
+    """Signal handler that records that a signal was received."""
 
     def __init__(self) -> None:
-        self.came = False
+        self.received = False
 
     def __call__(self, _signum: int, _frame: FrameType | None) -> None:
-        """A signal has come."""
-        self.came = True
+        """Record the signal."""
+        self.received = True
 
 
 def emulate(options: Namespace) -> int:
-    """Let drones live until a signal comes, or whoever started them has gone; the exit code.
+    """Run drones until SIGINT, SIGTERM or, if asked for, the end of standard input; return the exit code.
 
     Raises:
-        ConfigurationError: An option, or the fleet, is not usable.
+        ConfigurationError: An option or the fleet cannot be used.
     """
-    from plants.crazyflie.emulator.fleet import Emulation  # noqa: PLC0415 - compiles; whoever does something else need not wait
-    from plants.crazyflie.emulator.radio import RadioConditions  # noqa: PLC0415
-    from plants.crazyflie.emulator.server import serve  # noqa: PLC0415
-
-    air = RadioConditions(latency=options.latency, tail=options.tail, silences=options.silences, loss=options.loss)
-    with heeding() as signals:
+    conditions = RadioConditions(
+        latency=options.latency, tail=options.tail, silences=options.silences, loss=options.loss
+    )
+    with signals_recorded() as signals:
         try:
             emulation = Emulation(
                 places(options),
                 parameters=options.parameters,
                 sensing=options.sensing,
-                conditions=air,
+                conditions=conditions,
                 truth=options.truth,
                 seed=options.seed or 0,
             )
@@ -61,21 +58,19 @@ def emulate(options: Namespace) -> int:
             serve(
                 emulation.drones,
                 emulation.begin,
-                lambda: signals.came,
+                lambda: signals.received,
                 lines=sys.stdin,
                 until_closed=options.until_stdin_closes,
             )
     return 0
 
 
-def places(options: Namespace) -> "dict[int, Place]":
-    """Where the drones stand and listen: those of a fleet, or `options.n` of them.
+def places(options: Namespace) -> dict[int, Place]:
+    """Return number -> place of each drone: of the agents of a fleet that have a URI, or of `options.n` drones.
 
     Raises:
         ConfigurationError: No agent of the fleet has a URI that can be emulated, or a number is out of its range.
     """
-    from plants.crazyflie.emulator.fleet import Place, default_positions  # noqa: PLC0415
-
     if not 0 <= options.loss <= 1:
         raise ConfigurationError(f"emulate-crazyflie: expected --loss from 0 to 1, not {options.loss:g}")
     for name in ("latency", "tail", "silences"):
@@ -104,13 +99,16 @@ def places(options: Namespace) -> "dict[int, Place]":
 
 
 @contextmanager
-def heeding() -> Iterator[Signals]:
-    """Within, SIGINT and SIGTERM only set a mark, and a terminal may be in use by somebody else."""
-    signals = Signals()
-    before = {each: signal.signal(each, signals) for each in (signal.SIGINT, signal.SIGTERM)}
+def signals_recorded() -> Iterator[SignalFlag]:
+    """Record SIGINT and SIGTERM within the context instead of ending the process.
+
+    SIGTTIN is ignored, so that a process in the background is not stopped when it reads from the terminal.
+    """
+    flag = SignalFlag()
+    before = {each: signal.signal(each, flag) for each in (signal.SIGINT, signal.SIGTERM)}
     before[signal.SIGTTIN] = signal.signal(signal.SIGTTIN, signal.SIG_IGN)
     try:
-        yield signals
+        yield flag
     finally:
         for each, handler in before.items():
             signal.signal(each, handler)

@@ -10,34 +10,34 @@ from agentd.daemon.stop_requests import in_foreground
 
 
 class KeyPresses:
-    """What has been pressed; nothing ever where there is no terminal.
+    """Key presses on standard input.
 
-    Attributes:
-        there: Whether there is a terminal to press keys on.
+    Args:
+        available: Whether there is a terminal to read from; without one no key is ever pressed.
     """
 
-    def __init__(self, *, there: bool) -> None:
-        self.there = there
+    def __init__(self, *, available: bool) -> None:
+        self._available = available
 
-    def pressed(self) -> str:
-        """The next key, or nothing. Does not wait."""
-        if not self.there or not select.select([0], [], [], 0)[0]:
+    def next(self) -> str:
+        """Return the next key in lower case, or an empty string if none is pressed. Does not wait."""
+        if not self._available or not select.select([0], [], [], 0)[0]:
             return ""
         return os.read(0, 1).decode(errors="replace").lower()
 
 
 @contextmanager
-def listen() -> Iterator[KeyPresses]:
-    """Take keys as they are pressed, without Enter and without showing them, while the body runs."""
+def reading_keys() -> Iterator[KeyPresses]:
+    """Switch the terminal, within the context, to keys that are read without Enter and not echoed."""
     if not in_foreground():
-        yield KeyPresses(there=False)
+        yield KeyPresses(available=False)
         return
-    import termios  # noqa: PLC0415 - POSIX has it
+    import termios  # noqa: PLC0415 - only on POSIX
     import tty  # noqa: PLC0415
 
     before = termios.tcgetattr(sys.stdin)
     try:
         tty.setcbreak(sys.stdin)
-        yield KeyPresses(there=True)
+        yield KeyPresses(available=True)
     finally:
         termios.tcsetattr(sys.stdin, termios.TCSADRAIN, before)

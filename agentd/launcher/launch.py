@@ -1,4 +1,4 @@
-"""Launch a fleet on this machine, watch over it, and end it together."""
+"""Launch a fleet on this machine, supervise its daemons, and end them together."""
 
 import signal
 import subprocess
@@ -16,7 +16,7 @@ from agentd.daemon.stop_requests import in_foreground
 from agentd.endpoints import free_endpoints
 from agentd.exit_codes import NEIGHBOUR_LOST, STOPPED
 from agentd.launcher.daemon_process import DaemonProcess, spawn
-from agentd.launcher.key_presses import listen
+from agentd.launcher.key_presses import reading_keys
 from agentd.launcher.terminal import Terminal
 from agentd.run_directory import write_run_json
 from dcf_zenoh.config import LoadedFleet, freeze
@@ -24,57 +24,58 @@ from dcf_zenoh.configuration.building.problem_and_plant import plant_classes
 from dcf_zenoh.errors import ConfigurationError, DcfError, Interrupted
 from dcf_zenoh.messaging.network import check_settings
 
-REACTION = 2.0  # s the others get to end by themselves after one has failed
-LINGER = 30.0  # s the others get to end after one has reached its planned end
+REACTION = 2.0  # s that other daemons have to end by themselves after one has failed
+LINGER = 30.0  # s that other daemons have to end after one has reached its planned end
 TERM = 3.0  # s between SIGTERM and SIGKILL
 LAST_STATUS = 1.0  # s to read what a daemon wrote before it ended
+STATUS_PERIOD = 0.1  # s between calls of `on_status`
 YES = "--yes agrees beforehand"
 
-Show: TypeAlias = Callable[[Mapping[int, Mapping[str, Any]]], None]
-Say: TypeAlias = Callable[[str], None]
+OnStatus: TypeAlias = Callable[[Mapping[int, Mapping[str, Any]]], None]
+OnMessage: TypeAlias = Callable[[str], None]
 
 
 class FleetFailed(DcfError):
-    """At least one agent did not reach its planned end. Every process is gone all the same."""
+    """At least one agent did not reach its planned end. All processes have ended nevertheless."""
 
 
 class RunFailures:
-    """What went wrong, told at once and kept.
+    """Failures of a run, reported when they occur and collected.
 
     Args:
-        say: Told of each.
+        on_message: Called with the text of each failure.
 
     Attributes:
-        causes: What went wrong by itself.
-        effects: What went wrong because of another agent.
+        causes: Failures with a cause of their own.
+        effects: Failures because of another agent.
     """
 
-    def __init__(self, say: Say) -> None:
-        self._say = say
+    def __init__(self, on_message: OnMessage) -> None:
+        self._on_message = on_message
         self.causes: list[str] = []
         self.effects: list[str] = []
 
     def add(self, text: str, *, effect: bool = False) -> None:
-        """Note `text`."""
+        """Add a failure: a cause, or an effect of another one."""
         (self.effects if effect else self.causes).append(text)
-        self._say(text)
+        self._on_message(text)
 
 
-def launch(fleet: LoadedFleet, folder: Path, show: Show, say: Say, *, yes: bool = False) -> None:
-    """Run a fleet as one daemon per agent; return when all have ended.
+def launch(fleet: LoadedFleet, folder: Path, on_status: OnStatus, on_message: OnMessage, *, yes: bool = False) -> None:
+    """Run a fleet as one daemon per agent; return when all daemons have ended.
 
     Args:
-        fleet: What to run.
+        fleet: Fleet to run.
         folder: An empty run directory.
-        show: Called with agent -> last status, several times a second.
-        say: Called with a line when something happens that a person should know.
-        yes: Real bodies may take off without a key press.
+        on_status: Called with agent -> latest status, every `STATUS_PERIOD`.
+        on_message: Called with a line about an event that the operator should know of.
+        yes: Whether real bodies may take off without a key press.
 
     Raises:
         FleetFailed: An agent failed.
-        Interrupted: Somebody stopped the fleet.
-        NetworkError: Zenoh does not accept a setting of the fleet file.
-        ConfigurationError: Real bodies shall fly, and nobody is there to agree to it.
+        Interrupted: A signal stopped the fleet.
+        NetworkError: Zenoh rejects a setting of the fleet file.
+        ConfigurationError: The take-off of real bodies needs consent, and there is no terminal.
     """
     check_settings(fleet.spec.zenoh.settings)
     plants = plant_classes(fleet.spec, fleet.folder)
@@ -83,7 +84,7 @@ def launch(fleet: LoadedFleet, folder: Path, show: Show, say: Say, *, yes: bool 
     if real and not yes and not in_foreground():
         raise ConfigurationError(f"real bodies take off when a person presses a key: there is no terminal; {YES}")
     frozen = freeze(fleet, folder)
-    about: dict[str, Any] = {
+    run_json: dict[str, Any] = {
         "fleet": fleet.spec.name,
         "run": folder.resolve().name,
         "source": fleet.source,
@@ -91,68 +92,70 @@ def launch(fleet: LoadedFleet, folder: Path, show: Show, say: Say, *, yes: bool 
         "launched": datetime.now(UTC).isoformat(),
         "endpoints": free_endpoints(fleet.spec),
     }
-    write_run_json(folder, about)
+    write_run_json(folder, run_json)
     reaction = patience = REACTION + landing
     if fleet.spec.time.clock == "wall" and fleet.spec.safety.neighbour_silent.then in ("hold", "continue"):
         patience = fleet.spec.time.duration + landing + LINGER
     daemons: dict[int, DaemonProcess] = {}
-    problems = RunFailures(say)
+    failures = RunFailures(on_message)
     interrupted: signal.Signals | None = None
-    with _stop_requests() as asked, listen() as keys:
+    with _queued_signals() as signals, reading_keys() as keys:
         try:
             for agent in frozen.spec.ids:
                 daemons[agent] = spawn(folder, agent)
-            pilot = Terminal(daemons, keys, say, real=real, yes=yes)
-            interrupted = _supervise(daemons, asked, show, problems, pilot, reaction=reaction, patience=patience)
+            terminal = Terminal(daemons, keys, on_message, real=real, yes=yes)
+            interrupted = _supervise(
+                daemons, signals, on_status, failures, terminal, reaction=reaction, patience=patience
+            )
         finally:
-            _end(daemons, problems, TERM + landing)
-            about["ended"] = datetime.now(UTC).isoformat()
-            about["exit_codes"] = {i: daemon.code for i, daemon in daemons.items()}
-            about["problems"] = [*problems.causes, *problems.effects]
-            write_run_json(folder, about)
+            _end_all(daemons, failures, TERM + landing)
+            run_json["ended"] = datetime.now(UTC).isoformat()
+            run_json["exit_codes"] = {i: daemon.code for i, daemon in daemons.items()}
+            run_json["problems"] = [*failures.causes, *failures.effects]
+            write_run_json(folder, run_json)
     if interrupted is not None:
         raise Interrupted(f"stopped by {interrupted.name}", interrupted)
-    if found := problems.causes or problems.effects:
-        more = f"; and {len(found) - 1} more, see above" if len(found) > 1 else ""
-        raise FleetFailed(found[0] + more)
+    if reasons := failures.causes or failures.effects:
+        more = f"; and {len(reasons) - 1} more, see above" if len(reasons) > 1 else ""
+        raise FleetFailed(reasons[0] + more)
 
 
 def _supervise(
     daemons: Mapping[int, DaemonProcess],
-    asked: SimpleQueue[signal.Signals],
-    show: Show,
-    problems: RunFailures,
-    pilot: Terminal,
+    signals: SimpleQueue[signal.Signals],
+    on_status: OnStatus,
+    failures: RunFailures,
+    terminal: Terminal,
     *,
     reaction: float,
     patience: float,
 ) -> signal.Signals | None:
-    """Watch until all daemons have ended, or until it is time to end them; note what went wrong.
+    """Wait until all daemons have ended, or until the remaining ones have to be ended.
 
     Args:
-        daemons: The fleet.
-        asked: Signals that the launcher got.
-        show: Told of the last status of all.
-        problems: What went wrong.
-        pilot: Looks after take-off and landing.
-        reaction: What the others get to end by themselves after one has failed, s.
-        patience: The same after one has failed in flight, s: as long as the flight may take if the others go on.
+        daemons: Agent -> its daemon.
+        signals: Signals that the launcher has received.
+        on_status: As in `launch`.
+        failures: Failures are added to it.
+        terminal: Polled regularly.
+        reaction: Time that the other daemons have to end after one has failed before the start, s.
+        patience: Time that they have after one has failed in flight, s: as long as they may go on flying without it.
 
     Returns:
-        The signal that asked for the end, if one did.
+        The signal that stopped the fleet, if any.
     """
-    began, shown = time.monotonic(), 0.0
-    give_up = never_to_start = inf
+    began, last_shown = time.monotonic(), 0.0
+    end_all_by = end_unstarted_by = inf
 
-    def over(now: float) -> bool:
-        """Whether it is time to end those who are left: without one of them a fleet does not start."""
-        return now >= give_up or (now >= never_to_start and not any(daemon.started for daemon in daemons.values()))
+    def time_is_up(now: float) -> bool:
+        """Return whether to end the remaining daemons. A fleet that lacks an agent never starts."""
+        return now >= end_all_by or (now >= end_unstarted_by and not any(daemon.started for daemon in daemons.values()))
 
-    while any(daemon.code is None for daemon in daemons.values()) and not over(time.monotonic()):
+    while any(daemon.code is None for daemon in daemons.values()) and not time_is_up(time.monotonic()):
         try:
-            asking = asked.get(timeout=0.02)
-            problems.add(f"the launcher got {asking.name}: the fleet was stopped")
-            return asking
+            number = signals.get(timeout=0.02)
+            failures.add(f"the launcher got {number.name}: the fleet was stopped")
+            return number
         except Empty:
             pass
         now = time.monotonic()
@@ -161,36 +164,36 @@ def _supervise(
                 daemon.code = code
                 if code:
                     daemon.status = {**daemon.status, "ended": True}
-                    text = f"agent {daemon.agent} {_death(daemon, now - began)}"
-                    problems.add(text, effect=code == NEIGHBOUR_LOST)
-                if code < 0 and not daemon.started:  # it may have had no time to say so
-                    never_to_start = min(never_to_start, now + reaction)
+                    text = f"agent {daemon.agent} {_end_text(daemon, now - began)}"
+                    failures.add(text, effect=code == NEIGHBOUR_LOST)
+                if code < 0 and not daemon.started:  # its last status line may be missing, so the fleet may fly
+                    end_unstarted_by = min(end_unstarted_by, now + reaction)
                 in_flight = code != STOPPED and (code < 0 or daemon.started)
                 rest = LINGER if not code else patience if in_flight else reaction
-                give_up = min(give_up, now + rest)
-        pilot.look()
-        if now - shown >= 0.1:
-            shown = now
-            show({i: daemon.status for i, daemon in daemons.items()})
-    show({i: daemon.status for i, daemon in daemons.items()})
+                end_all_by = min(end_all_by, now + rest)
+        terminal.poll()
+        if now - last_shown >= STATUS_PERIOD:
+            last_shown = now
+            on_status({i: daemon.status for i, daemon in daemons.items()})
+    on_status({i: daemon.status for i, daemon in daemons.items()})
     return None
 
 
-def _death(daemon: DaemonProcess, after: float) -> str:
-    """How a daemon ended, and when."""
+def _end_text(daemon: DaemonProcess, after: float) -> str:
+    """Describe how a daemon ended, `after` s after the launch."""
     code = daemon.code or 0
     daemon.reader.join(LAST_STATUS)
     how = f"was killed by {signal.Signals(-code).name}" if code < 0 else f"ended with exit code {code}"
-    words = daemon.last_words()
-    return f"{how} {after:.1f} s after the launch{_progress(daemon)}" + (f": {words}" if words else "")
+    error = daemon.last_error_line()
+    return f"{how} {after:.1f} s after the launch{_progress_text(daemon)}" + (f": {error}" if error else "")
 
 
-def _progress(daemon: DaemonProcess) -> str:
+def _progress_text(daemon: DaemonProcess) -> str:
     return f", after step {daemon.status['step']}" if "step" in daemon.status else ", before its first step"
 
 
-def _end(daemons: Mapping[int, DaemonProcess], problems: RunFailures, patience: float) -> None:
-    """Make sure that no daemon is left: ask, wait for `patience` s, and end by force whoever does not listen."""
+def _end_all(daemons: Mapping[int, DaemonProcess], failures: RunFailures, patience: float) -> None:
+    """End all daemons that still run: SIGTERM, then SIGKILL for those that have not ended after `patience` s."""
     running = [daemon for daemon in daemons.values() if daemon.process.poll() is None]
     for daemon in running:
         daemon.process.terminate()
@@ -199,8 +202,8 @@ def _end(daemons: Mapping[int, DaemonProcess], problems: RunFailures, patience: 
         try:
             daemon.process.wait(max(0.0, deadline - time.monotonic()))
         except subprocess.TimeoutExpired:
-            problems.add(
-                f"agent {daemon.agent} did not end within {patience:g} s of SIGTERM: killed{_progress(daemon)}"
+            failures.add(
+                f"agent {daemon.agent} did not end within {patience:g} s of SIGTERM: killed{_progress_text(daemon)}"
             )
             daemon.process.kill()
     for daemon in daemons.values():
@@ -210,18 +213,18 @@ def _end(daemons: Mapping[int, DaemonProcess], problems: RunFailures, patience: 
 
 
 @contextmanager
-def _stop_requests() -> Iterator[SimpleQueue[signal.Signals]]:
-    """SIGINT, SIGTERM and SIGHUP in a queue while the body runs; a second one of a kind acts at once."""
-    asked: SimpleQueue[signal.Signals] = SimpleQueue()
+def _queued_signals() -> Iterator[SimpleQueue[signal.Signals]]:
+    """Queue SIGINT, SIGTERM and SIGHUP within the context; a second signal of a kind has its usual effect."""
+    queue: SimpleQueue[signal.Signals] = SimpleQueue()
     numbers = [signal.SIGINT, signal.SIGTERM, *([signal.SIGHUP] if hasattr(signal, "SIGHUP") else [])]
 
     def on_signal(number: int, _frame: FrameType | None) -> None:
-        asked.put(signal.Signals(number))
+        queue.put(signal.Signals(number))
         signal.signal(number, before[signal.Signals(number)])
 
     before = {number: signal.signal(number, on_signal) for number in numbers}
     try:
-        yield asked
+        yield queue
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)

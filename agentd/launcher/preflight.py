@@ -1,4 +1,4 @@
-"""``agentd preflight``: the bodies of a fleet, looked at before a flight, all at once."""
+"""``agentd preflight``: inspect the bodies of a fleet before a flight, all at the same time."""
 
 import time
 from collections.abc import Iterator
@@ -16,12 +16,12 @@ from dcf_zenoh.plant import Check, Plant
 
 @dataclass(frozen=True)
 class Inspection:
-    """What was found at one agent.
+    """Result of the inspection of one agent's body.
 
     Attributes:
-        agent: Id.
-        checks: What was looked at.
-        failure: Why it could not be looked at; empty if it was.
+        agent: Id of the agent.
+        checks: Checks of the body; empty where there is nothing to check, as for simulated bodies.
+        failure: Why the body could not be inspected; empty if it could.
     """
 
     agent: int
@@ -30,53 +30,58 @@ class Inspection:
 
     @property
     def problems(self) -> list[str]:
-        """One line for each thing that keeps the agent on the ground."""
-        bad = [check for check in self.checks if check.problem]
-        found = [f"agent {self.agent}: {check.name} {check.value}: {check.problem}" for check in bad]
-        return [self.failure, *found] if self.failure else found
+        """One line for each reason why the agent cannot fly."""
+        failed = [check for check in self.checks if check.problem]
+        lines = [f"agent {self.agent}: {check.name} {check.value}: {check.problem}" for check in failed]
+        return [self.failure, *lines] if self.failure else lines
 
 
 def inspect(fleet: LoadedFleet) -> list[Inspection]:
-    """Connect to all bodies, look at them, and let them go.
+    """Connect to all bodies, inspect them, and disconnect; return one inspection per agent, sorted by id.
 
-    They take their time together: a body waits by itself while others are looked at.
+    The inspections are interleaved in one thread: while one body waits, others are served.
 
     Raises:
-        PluginError: The options of a plant are not usable.
+        PluginError: A plant refuses its options.
     """
     blueprint = Blueprint.of(fleet)
     plants = {agent: blueprint.plant(agent) for agent in fleet.spec.ids}
-    found: dict[int, Inspection] = {}
+    inspections: dict[int, Inspection] = {}
     with ExitStack() as stack:
         for plant in plants.values():
             stack.callback(plant.close)
-        waiting = [(0.0, agent, _look_at(agent, plant)) for agent, plant in plants.items()]
+        waiting = [(0.0, agent, _inspect_body(agent, plant)) for agent, plant in plants.items()]
         while waiting:
             waiting.sort(key=lambda each: each[:2])
             due, agent, steps = waiting.pop(0)
-            time.sleep(max(0.0, due - time.monotonic()))  # as long as the plant asked for
+            time.sleep(max(0.0, due - time.monotonic()))
             try:
                 waiting.append((time.monotonic() + next(steps), agent, steps))
             except StopIteration:
-                found[agent] = Inspection(agent, plants[agent].checks())
+                inspections[agent] = Inspection(agent, plants[agent].checks())
             except DcfError as error:
-                found[agent] = Inspection(agent, failure=str(error))
-    return [found[agent] for agent in sorted(found)]
+                inspections[agent] = Inspection(agent, failure=str(error))
+    return [inspections[agent] for agent in sorted(inspections)]
 
 
-def table(fleet: str, found: list[Inspection]) -> Table:
-    """What was found, one row for each agent."""
-    names = list(dict.fromkeys(check.name for each in found for check in each.checks))
-    drawn = Table("agent", *names, "", title=f"{fleet}: before the flight", title_justify="left", box=box.SIMPLE_HEAD)
-    for each in found:
+def inspection_table(fleet: str, inspections: list[Inspection]) -> Table:
+    """Return a table with one row per agent and one column per check.
+
+    Args:
+        fleet: Name of the fleet.
+        inspections: Rows of the table.
+    """
+    names = list(dict.fromkeys(check.name for each in inspections for check in each.checks))
+    table = Table("agent", *names, "", title=f"{fleet}: before the flight", title_justify="left", box=box.SIMPLE_HEAD)
+    for each in inspections:
         values = {check.name: f"{check.value} !" if check.problem else check.value for check in each.checks}
         verdict = "not ready" if each.problems else "ready" if each.checks else "simulated: nothing to look at"
-        drawn.add_row(str(each.agent), *(values.get(name, "") for name in names), verdict)
-    return drawn
+        table.add_row(str(each.agent), *(values.get(name, "") for name in names), verdict)
+    return table
 
 
-def _look_at(agent: int, plant: Plant) -> Iterator[float]:
-    """Connect to a body and inspect it; yields how long to wait, s."""
+def _inspect_body(agent: int, plant: Plant) -> Iterator[float]:
+    """Connect to a body and inspect it; yield how long to wait each time, s."""
     for name, phase in (("prepare", plant.prepare), ("inspect", plant.inspect)):
         with blaming(PlantError, f"agent {agent}: {name}"):
             yield from phase() or ()

@@ -1,4 +1,4 @@
-"""How far a launched fleet is, on the terminal."""
+"""Progress of a launched fleet, on standard error."""
 
 import time
 from collections.abc import Mapping
@@ -17,11 +17,11 @@ LINE_PERIOD = 2.0  # s between lines where there is no terminal
 
 
 class Progress:
-    """A live table on a terminal, a line now and then elsewhere, on standard error.
+    """Shows progress as a live table on a terminal, elsewhere as a line every `LINE_PERIOD`.
 
     Args:
-        fleet: The fleet.
-        quiet: Say only what goes wrong.
+        fleet: Specification of the fleet.
+        quiet: Print messages only.
     """
 
     def __init__(self, fleet: FleetSpec, *, quiet: bool = False) -> None:
@@ -44,12 +44,16 @@ class Progress:
         if self._live is not None:
             self._live.stop()
 
-    def say(self, line: str) -> None:
-        """Print a line that stays."""
+    def message(self, line: str) -> None:
+        """Print a line above the live table."""
         self._console.print(f"agentd: {line}", style="bold red", markup=False, highlight=False, soft_wrap=True)
 
     def show(self, status: Mapping[int, Mapping[str, Any]]) -> None:
-        """Show agent -> last status."""
+        """Show the progress of all agents.
+
+        Args:
+            status: Agent -> latest status; see `agentd.daemon.daemon.Status` for its keys.
+        """
         if self._live is not None:
             self._live.update(self._table(status), refresh=True)
             return
@@ -59,7 +63,7 @@ class Progress:
         if len(phases) == 1 and phases != {self._phase}:
             (self._phase,) = phases
             if self._phase not in ("", "start"):
-                self._console.print(f"all agents: {_words(self._phase)}", markup=False, highlight=False)
+                self._console.print(f"all agents: {_phase_text(self._phase)}", markup=False, highlight=False)
         if time.monotonic() - self._last_line >= LINE_PERIOD:
             self._last_line = time.monotonic()
             steps = [entry.get("step", "-") for entry in status.values() if not entry.get("ended")] or ["-"]
@@ -74,8 +78,8 @@ class Progress:
         for agent, entry in status.items():
             position = ", ".join(f"{value:+.2f}" for value in entry.get("position", ()))
             phase = str(entry.get("phase", ""))
-            step = f"{entry['step'] + 1} / {self._fleet.steps}" if "step" in entry else _words(phase)
-            step = _words(phase) if phase == "land" else step
+            step = f"{entry['step'] + 1} / {self._fleet.steps}" if "step" in entry else _phase_text(phase)
+            step = _phase_text(phase) if phase == "land" else step
             remark = str(entry.get("remark", ""))
             table.add_row(str(agent), step, str(entry.get("rounds", "")), str(entry.get("late", "")), position, remark)
         return table
@@ -83,13 +87,13 @@ class Progress:
     @staticmethod
     def _separation(status: Mapping[int, Mapping[str, Any]]) -> str:
         flying = [entry for entry in status.values() if not entry.get("ended")]
-        places = [entry["position"] for entry in flying if entry.get("position")]
-        gaps = [dist(a, b) for a, b in combinations(places, 2) if len(a) == len(b)]
+        positions = [entry["position"] for entry in flying if entry.get("position")]
+        gaps = [dist(a, b) for a, b in combinations(positions, 2) if len(a) == len(b)]
         return f", closest pair {min(gaps):.2f} m" if gaps else ""
 
 
-def _words(phase: str) -> str:
-    """What agents do in a phase."""
+def _phase_text(phase: str) -> str:
+    """Describe what agents do in a phase of the flight."""
     if phase == "land":
         return "landing"
     return f"getting ready: {phase.replace('_', ' ')}" if phase else "getting ready"

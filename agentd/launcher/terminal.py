@@ -1,4 +1,4 @@
-"""What a person says during a flight, in the terminal of the launcher."""
+"""The operator's terminal during a launch: consent to the take-off, keys to land and to stop."""
 
 from collections.abc import Callable, Mapping
 
@@ -8,45 +8,45 @@ from agentd.launcher.key_presses import KeyPresses
 
 
 class Terminal:
-    """Looks after what a person has to say during a flight: when it begins, and when it shall end.
+    """Passes what the operator decides on to the daemons.
 
     Args:
-        daemons: The fleet.
-        keys: Of the terminal.
-        say: Told what can be said.
-        real: Somebody has to agree to the take-off.
-        yes: Somebody has.
+        daemons: Agent -> its daemon.
+        keys: Key presses on the terminal.
+        on_message: Called with a line for the operator.
+        real: Whether a body is real, so that the take-off needs consent.
+        yes: Whether consent was given on the command line.
     """
 
     def __init__(
         self,
         daemons: Mapping[int, DaemonProcess],
         keys: KeyPresses,
-        say: Callable[[str], None],
+        on_message: Callable[[str], None],
         *,
         real: bool,
         yes: bool,
     ) -> None:
         self._daemons = daemons
         self._keys = keys
-        self._say = say
-        self._asks = real and not yes
+        self._on_message = on_message
+        self._consent_needed = real and not yes
         if real and yes:
-            self._tell(TAKE_OFF)
+            self._send_to_all(TAKE_OFF)
 
-    def look(self) -> None:
-        """Ask for the take-off once everybody waits for it, and pass on what was said."""
-        if self._asks and all(daemon.status.get("phase") == "agree" for daemon in self._daemons.values()):
-            self._asks = False
+    def poll(self) -> None:
+        """Ask for consent once all daemons wait for it, and pass on the next key press, if any."""
+        if self._consent_needed and all(daemon.status.get("phase") == "agree" for daemon in self._daemons.values()):
+            self._consent_needed = False
             for daemon in self._daemons.values():
-                found = ", ".join(f"{name} {value}" for name, value, _ in daemon.status.get("checks", ()))
-                self._say(f"agent {daemon.agent} is ready: {found}")
-            self._say("press t to take off; in flight l to land, x for an emergency stop: motors off")
-        key = self._keys.pressed()
-        if word := {"t": TAKE_OFF, "l": LAND, "x": STOP}.get(key):
-            self._say(f"{key}: {word}")
-            self._tell(word)
+                checks = ", ".join(f"{name} {value}" for name, value, _ in daemon.status.get("checks", ()))
+                self._on_message(f"agent {daemon.agent} is ready: {checks}")
+            self._on_message("press t to take off; in flight l to land, x for an emergency stop: motors off")
+        key = self._keys.next()
+        if request := {"t": TAKE_OFF, "l": LAND, "x": STOP}.get(key):
+            self._on_message(f"{key}: {request}")
+            self._send_to_all(request)
 
-    def _tell(self, word: str) -> None:
+    def _send_to_all(self, line: str) -> None:
         for daemon in self._daemons.values():
-            daemon.tell(word)
+            daemon.send_line(line)
