@@ -121,9 +121,10 @@ def stack(agent: int, ports: list[int], seconds: float) -> None:
     from dcf_zenoh.plant import NoPlant  # noqa: PLC0415
     from dcf_zenoh.records.writer import Recorder  # noqa: PLC0415
     from dcf_zenoh.requests import Loop, Wait  # noqa: PLC0415
-    from dcf_zenoh.rounds.exchange import Exchange  # noqa: PLC0415
+    from dcf_zenoh.rounds.exchange import ComputeTime, Exchange, ExchangeOptions  # noqa: PLC0415
     from dcf_zenoh.rounds.receiver import Receiver  # noqa: PLC0415
     from dcf_zenoh.rounds.sender import Sender  # noqa: PLC0415
+    from dcf_zenoh.rounds.synchronous import Synchronous  # noqa: PLC0415
     from dcf_zenoh.runner import drive  # noqa: PLC0415
     from dcf_zenoh.spec import Rounds  # noqa: PLC0415
 
@@ -134,14 +135,14 @@ def stack(agent: int, ports: list[int], seconds: float) -> None:
     address = Address("dcf/bench/1", endpoints[agent], endpoints_to_connect(agent, hood.receives_from, endpoints), {})
     values = np.random.default_rng(agent).normal(size=VALUES)
 
-    def talk() -> Dialogue[Measured]:
+    def dialogue() -> Dialogue[Measured]:
         yield {"values": values, "stop": False}, np.inf
         number, stop, began, busy = 0, False, time.monotonic(), time.process_time()
         while not stop:
             number += 1
             mine = agent == 0 and number % PERIOD == 0 and time.monotonic() - began > seconds
             if number % PERIOD == 0:
-                reception.passed.clear()  # as a step's record takes them away
+                receiver.passed.clear()  # as a step's record takes them away
             inbox = yield {"values": values, "stop": mine}, np.inf
             stop = mine or (agent != 0 and bool(inbox[0]["stop"]))
         return Measured.since(number, began, busy)
@@ -150,16 +151,15 @@ def stack(agent: int, ports: list[int], seconds: float) -> None:
 
     def loop() -> Loop[Ending]:
         now = yield Wait(0)
-        outcome = yield from exchange.negotiate(talk(), 0, now)
+        outcome = yield from exchange.negotiate(dialogue(), 0, now)
         found.append(outcome.result)
         return Ending(Last.DONE)
 
     mailbox = Mailbox(hood.receives_from)
     rounds = Rounds(max_rounds=10**9, threshold=0.0)
-    reception = Receiver(mailbox, hold=True, watch=True)
-    exchange = Exchange(
-        agent, lambda _step: hood, rounds, mailbox, reception, Sender(agent), time.perf_counter_ns, virtual=False
-    )
+    receiver = Receiver(mailbox, hold=True, log_all=True)
+    options = ExchangeOptions(time.perf_counter_ns, compute_time=ComputeTime(virtual=False))
+    exchange = Exchange(agent, hood, rounds, mailbox, receiver, Sender(agent), Synchronous(rounds), options)
     parts = AgentParts(agent, NoPlant(), mailbox, {}, exchange, Recorder(io.BytesIO(), agent, {}), loop())
     with Network(agent, hood, address) as network:
         network.meet("bench", TIMEOUT / 2)

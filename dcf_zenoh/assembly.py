@@ -1,4 +1,4 @@
-"""From the specification of a fleet to the parts of one agent."""
+"""Assembly of the parts of one agent from the specification of its fleet."""
 
 import time
 from collections.abc import Callable, Mapping
@@ -14,7 +14,7 @@ from dcf_zenoh.configuration.building.problem_and_plant import plant_of, problem
 from dcf_zenoh.controllers.controller import Controller
 from dcf_zenoh.faults.chain import FaultChain
 from dcf_zenoh.graph import Graph, Neighbourhood
-from dcf_zenoh.loop.agent import Agent, Ending
+from dcf_zenoh.loop.agent import Agent, AgentOptions, Ending
 from dcf_zenoh.loop.agent_faults import NodeFaults
 from dcf_zenoh.loop.phases import first_number
 from dcf_zenoh.messaging.mailbox import Mailbox
@@ -23,18 +23,20 @@ from dcf_zenoh.plugins import bind, create, load
 from dcf_zenoh.records.writer import Recorder, StepRecord
 from dcf_zenoh.requests import Loop
 from dcf_zenoh.rounds.activation import ActivationSchedule
-from dcf_zenoh.rounds.exchange import Exchange
+from dcf_zenoh.rounds.asynchronous import Asynchronous
+from dcf_zenoh.rounds.exchange import ComputeTime, Exchange, ExchangeMode, ExchangeOptions
 from dcf_zenoh.rounds.receiver import Receiver
 from dcf_zenoh.rounds.sender import Sender
-from dcf_zenoh.spec import FleetSpec, nanoseconds
+from dcf_zenoh.rounds.synchronous import Synchronous
+from dcf_zenoh.spec import FleetSpec, Rounds, nanoseconds
 
 
-class LastLife(NamedTuple):
-    """What an agent left behind that is started again while its fleet is running.
+class Restart(NamedTuple):
+    """Restart of an agent while its fleet is running.
 
     Attributes:
-        incarnation: Which life begins now; 1 after the first restart.
-        state: The last one in its log.
+        incarnation: Number of the incarnation that begins now; 1 after the first restart.
+        state: Last state in the agent's log.
     """
 
     incarnation: int
@@ -43,14 +45,14 @@ class LastLife(NamedTuple):
 
 @dataclass(frozen=True)
 class AgentParts:
-    """One agent, put together.
+    """Parts of one agent.
 
     Attributes:
-        id: Of the agent.
+        id: Id of the agent.
         plant: Its body; the owner calls `close` at the end.
-        mailbox: Where a runner puts what arrives.
-        links: Neighbour -> the faults of the link from it, of the links that have any.
-        exchange: Its rounds; after a failure it has the goodbye.
+        mailbox: Mailbox into which a runner puts received messages.
+        links: Neighbour -> fault chain of the link from it; links without faults are left out.
+        exchange: Its rounds; after a failure it makes the goodbye.
         recorder: Its log; after a failure it takes the reason.
         loop: Algorithm 1, not started.
     """
@@ -66,7 +68,7 @@ class AgentParts:
 
 @dataclass(frozen=True)
 class Blueprint:
-    """What all agents of a fleet have in common, computed once."""
+    """Everything that the agents of a fleet have in common, computed once."""
 
     fleet: LoadedFleet
     graph: Graph
@@ -74,40 +76,66 @@ class Blueprint:
 
     @classmethod
     def of(cls, fleet: LoadedFleet) -> "Blueprint":
-        """Draw the graph of `fleet`."""
+        """Build the graph of `fleet` and its weights."""
         graph = graph_of(fleet)
         return cls(fleet, graph, weights_of(fleet.spec, graph))
 
-    def hood(self, agent: int) -> Neighbourhood:
-        """What `agent` knows of the graph."""
+    def neighbourhood(self, agent: int) -> Neighbourhood:
+        """Return the part of the graph around `agent`."""
         return Neighbourhood.of(self.graph, agent, self.weights)
 
     def build(
         self,
         agent: int,
         stream: BinaryIO,
-        about: Mapping[str, Any],
+        header: Mapping[str, Any],
         observe: Callable[[StepRecord], None] = lambda _record: None,
-        last_life: LastLife | None = None,
+        restart: Restart | None = None,
     ) -> AgentParts:
-        """Put one agent together.
+        """Build the parts of one agent.
 
         Args:
-            agent: Its id.
-            stream: Where its log goes.
-            about: What the log's header says beside what the fleet file does.
-            observe: Told of every step once it is recorded.
-            last_life: What is known of the agent if it was started again while the fleet was running.
+            agent: Id of the agent.
+            stream: Stream to which its log is written.
+            header: Entries of the log's header in addition to those from the fleet file.
+            observe: Called with every step's record once it is written.
+            restart: Restart of the agent while its fleet is running; None: it starts with the fleet.
 
         Raises:
             PluginError: A constructor refused its options.
         """
-        spec, folder = self.fleet.spec, self.fleet.folder
-        hood = self.hood(agent)
-        me = Me(agent, spec.ids, hood, np.random.Generator(np.random.Philox([spec.seed, agent])))
-        problem, plant = problem_of(spec, folder, agent), self.plant(agent)
+        spec = self.fleet.spec
+        neighbourhood, virtual = self.neighbourhood(agent), spec.time.clock == "virtual"
+        me = Me(agent, spec.ids, neighbourhood, np.random.Generator(np.random.Philox([spec.seed, agent])))
+        problem, plant = problem_of(spec, self.fleet.folder, agent), self.plant(agent)
+        first = first_number(neighbourhood.diameter)
+        mailbox = Mailbox(neighbourhood.receives_from, first=None if restart else first)
+        links = links_to(spec, self.fleet.folder, self.graph, agent)
+        sender = Sender(agent, restart.incarnation, 0) if restart else Sender(agent, 0, first)
+        node_faults = NodeFaults(
+            spec.agents[agent].faults, (lambda now, until: sender.away(0, now, until)) if virtual else None
+        )
+        exchange = self._exchange(me, mailbox, links, sender, node_faults.slowness)
+        fleet_header = {"fleet": spec.name, "seed": spec.seed, "clock": spec.time.clock}
+        recorder = Recorder(stream, agent, {**fleet_header, **header}, observe)
+        options = AgentOptions(
+            getattr(problem, "distance_to_go", lambda _state: 0.0), node_faults, restart.state if restart else None
+        )
+        loop = Agent(spec, me, plant, self._renewal(me, problem), exchange, recorder, options).run()
+        return AgentParts(agent, plant, mailbox, links, exchange, recorder, loop)
+
+    def plant(self, agent: int) -> Plant:
+        """Create the body of one agent.
+
+        Raises:
+            PluginError: Its constructor refused its options.
+        """
+        return plant_of(self.fleet.spec, self.fleet.folder, agent)
+
+    def _renewal(self, me: Me, problem: object) -> Callable[[], Controller]:
+        """Return a function that creates the controller of an agent, without memory of an earlier one."""
+        spec, folder, control = self.fleet.spec, self.fleet.folder, self.fleet.spec.controller_kind
         algorithm = bind(load("algorithms", spec.algorithm.kind, folder), spec.algorithm.options, "algorithm")
-        control = spec.controller_kind
 
         def renew() -> Controller:
             me.forget()
@@ -115,49 +143,42 @@ class Blueprint:
             kind = load("controllers", control.kind, folder)
             return cast(Controller, create(kind, context, control.options, "controller"))
 
+        return renew
+
+    def _exchange(
+        self,
+        me: Me,
+        mailbox: Mailbox,
+        links: Mapping[int, FaultChain],
+        sender: Sender,
+        slowness: Callable[[int], float] | None,
+    ) -> Exchange:
+        """Build the exchange of one agent."""
+        spec, folder = self.fleet.spec, self.fleet.folder
         virtual = spec.time.clock == "virtual"
-        first = first_number(hood.diameter)
-        mailbox = Mailbox(hood.receives_from, first=None if last_life else first)
-        links = links_to(spec, folder, self.graph, agent)
         rounds = spec.exchange.model_copy(update={"margin": margin_of(spec, folder)})
-        sender = Sender(agent, last_life.incarnation, 0) if last_life else Sender(agent, 0, first)
         receiver = Receiver(
-            mailbox, links, hold=rounds.missing == "hold", skip_after_rounds=rounds.skip_after_rounds, watch=not virtual
-        )
-        fate = NodeFaults(
-            spec.agents[agent].faults, (lambda now, until: exchange.away(0, now, until)) if virtual else None
-        )
-        exchange = Exchange(
-            agent,
-            lambda _step: hood,
-            rounds,
             mailbox,
-            receiver,
-            sender,
-            time.perf_counter_ns,
-            noted=me.take_notes if spec.log.rounds else None,
-            rhythm=_rhythm(spec, agent) if rounds.mode == "asynchronous" else None,
-            slowness=fate.slowness,
-            virtual=virtual,
-            tells_position=spec.safety.separation is not None or needs_positions(spec, folder),
+            links,
+            hold=rounds.missing == "hold",
+            skip_after_rounds=rounds.skip_after_rounds,
+            log_all=not virtual,
         )
-        header = {"fleet": spec.name, "seed": spec.seed, "clock": spec.time.clock, **about}
-        recorder = Recorder(stream, agent, header, observe)
-        distance: Callable[[State], float] = getattr(problem, "distance_to_go", lambda _state: 0.0)
-        life = Agent(spec, me, plant, renew, exchange, recorder, distance, fate, last_life.state if last_life else None)
-        return AgentParts(agent, plant, mailbox, links, exchange, recorder, life.run())
-
-    def plant(self, agent: int) -> Plant:
-        """The body of one agent.
-
-        Raises:
-            PluginError: Its constructor refused its options.
-        """
-        return plant_of(self.fleet.spec, self.fleet.folder, agent)
+        options = ExchangeOptions(
+            time.perf_counter_ns,
+            me.take_notes if spec.log.rounds else None,
+            ComputeTime(nanoseconds(rounds.compute_time) if virtual else 0, slowness, virtual),
+            share_position=spec.safety.separation is not None or needs_positions(spec, folder),
+        )
+        mode = _mode(spec, rounds, me.id)
+        return Exchange(me.id, me.neighbourhood, rounds, mailbox, receiver, sender, mode, options)
 
 
-def _rhythm(spec: FleetSpec, agent: int) -> ActivationSchedule:
-    """When the agent activates, by random numbers of its own."""
+def _mode(spec: FleetSpec, rounds: Rounds, agent: int) -> ExchangeMode:
+    """Return the mode of the exchange; an asynchronous one with the agent's own random numbers."""
+    if rounds.mode == "synchronous":
+        return Synchronous(rounds)
     activation = spec.activation(agent)
     rng = np.random.Generator(np.random.Philox([spec.seed, agent, 2]))
-    return ActivationSchedule(nanoseconds(activation.period or 0), nanoseconds(activation.jitter or 0), rng)
+    period, jitter = nanoseconds(activation.period or 0), nanoseconds(activation.jitter or 0)
+    return Asynchronous(rounds, ActivationSchedule(period, jitter, rng))

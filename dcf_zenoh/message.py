@@ -47,6 +47,9 @@ class Last(IntEnum):
     FAILED = 6  # the sender stops because of an error
 
 
+GOODBYE = Last.DONE  # this and all above it: the sender's last message of the run
+
+
 class Message(NamedTuple):
     """One message, from one agent to one or all of its out-neighbours.
 
@@ -85,7 +88,7 @@ class Message(NamedTuple):
 
 _LEAST = {
     "sender": 0, "incarnation": 0, "sequence": -NUMBERS_BEFORE, "step": -STEPS_BEFORE, "round": 0, "sent": EARLIEST,
-    "stop_at": -1, "settled_hops": -1, "promise": 0, "last": 0,
+    "stop_at": -1, "arrived_hops": -1, "promise": 0, "last": 0,
 }  # fmt: skip
 _LENGTH = 1 + len(Message._fields)  # of a message on the wire, the version first
 _LAST = tuple(Last)

@@ -13,7 +13,7 @@ from typing import Any, TextIO
 from agentd.daemon.operator_protocol import HALT, Control, changes_in
 from agentd.daemon.runner import VirtualRunner, WallRunner, await_goodbyes, spare_collector
 from agentd.daemon.stop_requests import EmergencyStop, listening
-from dcf_zenoh.assembly import AgentParts, Blueprint, LastLife
+from dcf_zenoh.assembly import AgentParts, Blueprint, Restart
 from dcf_zenoh.config import LoadedFleet, to_toml
 from dcf_zenoh.errors import NetworkError, RecordingError
 from dcf_zenoh.loop.agent import Ending
@@ -72,7 +72,7 @@ def run_agent(fleet: LoadedFleet, task: Assignment) -> Last:
         DcfError: Whatever ended it before its time.
     """
     blueprint = Blueprint.of(fleet)
-    hood = blueprint.hood(task.agent)
+    hood = blueprint.neighbourhood(task.agent)
     linked = sorted({*hood.receives_from, *hood.sends_to})
     address = Address(
         prefix=f"dcf/{fleet.spec.name}/{task.run}",
@@ -81,8 +81,8 @@ def run_agent(fleet: LoadedFleet, task: Assignment) -> Last:
         settings=fleet.spec.zenoh.settings,
         patience=HELD_UP if fleet.spec.time.clock == "wall" else fleet.spec.zenoh.receive_timeout,
     )
-    life = last_life(fleet.spec, task.folder, task.agent) if task.rejoin else None
-    incarnation = life.incarnation if life else 0
+    restart = restart_of(fleet.spec, task.folder, task.agent) if task.rejoin else None
+    incarnation = restart.incarnation if restart else 0
     emergency = EmergencyStop()
     with (
         open_log(task.folder, task.agent, again=task.rejoin) as stream,
@@ -92,7 +92,7 @@ def run_agent(fleet: LoadedFleet, task: Assignment) -> Last:
         if task.agreed:
             network.notify(Agreed())
         offsets = network.meet(fingerprint(fleet), fleet.spec.zenoh.ready_timeout, incarnation)
-        if life and not network.start:
+        if restart and not network.start:
             raise NetworkError(f"agent {task.agent}: --rejoin: this fleet has not started yet")
         _check_offsets(task.agent, offsets, wall=fleet.spec.time.clock == "wall")
         about = {
@@ -101,12 +101,12 @@ def run_agent(fleet: LoadedFleet, task: Assignment) -> Last:
             "clock_offsets": {j: (offset.ahead, offset.error) for j, offset in offsets.items()},
         }
         status = Status(task.agent, task.status)
-        parts = blueprint.build(task.agent, stream, about, status.observe, life)
+        parts = blueprint.build(task.agent, stream, about, status.observe, restart)
         emergency.guard(parts.plant)
         control = Control(
             task.agent, fleet, hood.receives_from, parts.links, parts.recorder, lambda why: network.notify(Stop(why))
         )
-        if life:
+        if restart:
             control.restore(changes_in(read_log(fleet.spec, task.folder, task.agent)))
         try:
             ending = _run(fleet, parts, network, offsets, control, status)
@@ -120,7 +120,7 @@ def run_agent(fleet: LoadedFleet, task: Assignment) -> Last:
     return ending.last
 
 
-def last_life(fleet: FleetSpec, folder: Path, agent: int) -> LastLife:
+def restart_of(fleet: FleetSpec, folder: Path, agent: int) -> Restart:
     """What an agent left behind in its log.
 
     Raises:
@@ -133,7 +133,7 @@ def last_life(fleet: FleetSpec, folder: Path, agent: int) -> LastLife:
     if not len(log.state):
         raise RecordingError(f"{folder / log_name(agent)}: --rejoin: agent {agent} has not recorded a single step")
     half = log.state.shape[1] // 2
-    return LastLife(log.lives, State(read_only(log.state[-1, :half]), read_only(log.state[-1, half:])))
+    return Restart(log.lives, State(read_only(log.state[-1, :half]), read_only(log.state[-1, half:])))
 
 
 def read_log(fleet: FleetSpec, folder: Path, agent: int) -> AgentLog:

@@ -1,4 +1,4 @@
-"""Algorithm 1 and what surrounds it in one agent: phases of the flight, safety rules, faults of the agent itself.
+"""Algorithm 1 and its surroundings in one agent: phases of the flight, safety rules, faults of the agent itself.
 
-Does no I/O and knows no clock: everything here asks its runner by `dcf_zenoh.requests`.
+No I/O and no clock in here: all of that is requested from a runner (`dcf_zenoh.requests`).
 """

@@ -4,6 +4,7 @@ The loop does no I/O and reads no clock: it yields requests to its runner. Sourc
 """
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -21,7 +22,7 @@ from dcf_zenoh.errors import (
 )
 from dcf_zenoh.loop.agent_faults import Crashed, NodeFaults
 from dcf_zenoh.loop.phases import Flight
-from dcf_zenoh.loop.supervisor import Alarm, Supervisor, gravest
+from dcf_zenoh.loop.supervisor import Alarm, Supervisor, most_severe
 from dcf_zenoh.message import Last
 from dcf_zenoh.plant import Array, Plant, Setpoint, State
 from dcf_zenoh.records.writer import Recorder, StepRecord
@@ -34,27 +35,41 @@ class Ending(NamedTuple):
     """How an agent's run ended.
 
     Attributes:
-        last: Done, arrived, or landed before its time.
-        cause: Why it landed before its time.
+        last: Kind of the goodbye: done, arrived, or landed early.
+        cause: Why it landed early.
     """
 
     last: Last
     cause: Landed | NeighbourLost | None = None
 
 
+@dataclass(frozen=True)
+class AgentOptions:
+    """What distinguishes an agent from the others of its fleet, in addition to its parts.
+
+    Attributes:
+        distance_to_go: State -> distance to the target, m.
+        node_faults: Faults of the agent itself.
+        last_state: Last state of an agent that was restarted while its fleet was running; None: it starts with the
+            fleet.
+    """
+
+    distance_to_go: Callable[[State], float]
+    node_faults: NodeFaults
+    last_state: State | None = None
+
+
 class Agent:
-    """One agent: what it senses, decides and does, step by step.
+    """One agent: senses, decides and acts, step by step.
 
     Args:
-        fleet: What all agents do.
-        me: This one.
+        fleet: Specification of the fleet.
+        me: This agent, as algorithms see it.
         plant: Its body.
-        renew: Makes its controller, without any memory of an earlier one.
+        renew: Creates its controller, without memory of an earlier one.
         exchange: Its rounds with the neighbours.
         recorder: Its log.
-        distance_to_go: State -> distance to the target, m.
-        fate: What shall happen to it.
-        last_life: The last state that is known of it, if it was started again while the fleet was running.
+        options: Further options of this agent.
     """
 
     def __init__(
@@ -65,9 +80,7 @@ class Agent:
         renew: Callable[[], Controller],
         exchange: Exchange,
         recorder: Recorder,
-        distance_to_go: Callable[[State], float],
-        fate: NodeFaults,
-        last_life: State | None = None,
+        options: AgentOptions,
     ) -> None:
         self._fleet = fleet
         self._me = me
@@ -76,111 +89,106 @@ class Agent:
         self._controller = renew()
         self._exchange = exchange
         self._recorder = recorder
-        self._distance_to_go = distance_to_go
-        self._fate = fate
-        self._last_life = last_life
+        self._options = options
         self._sample_time = nanoseconds(fleet.time.sample_time)
         self._budget = nanoseconds(fleet.exchange.step_budget(fleet.time.sample_time))
         self._arrival = Arrival(fleet.time.arrived)
         self._supervisor = Supervisor(fleet.safety, fleet.arena, fleet.time.sample_time)
         self._flight = Flight(me, plant, exchange, recorder, nanoseconds(fleet.zenoh.ready_timeout))
         self._lost: dict[int, str] = {}
-        self._holding = ""
-        self._why_landed: Landed | NeighbourLost | None = None
+        self._hold_reason = ""  # set once an alarm says hold: from then on the body stays where it is
+        self._landing_cause: Landed | NeighbourLost | None = None
 
     def run(self) -> Loop[Ending]:
-        """The whole run: get ready, control step by step, come down, say goodbye.
+        """Run from the preparation to the landing, with a goodbye to the neighbours.
 
         Returns:
-            Why it ended.
+            How the run ended.
 
         Raises:
             NotReady: Not all of the fleet got ready, or it did not agree on a start in time.
             NumericalError: A plant or a controller produced a value that is not a number.
-            PlantError: The plant raised an exception, or the body was not seen to come down after a failure.
-            AlgorithmError: The algorithm, or the problem or controller around it, raised an exception.
-            Stopped: Somebody wanted the agent to stop.
+            PlantError: The plant raised an exception, or the landing after a failure was not confirmed.
+            AlgorithmError: The algorithm, the problem or the controller raised an exception.
+            Stopped: The agent was told to stop.
         """
         try:
-            step, last = yield from self._fly()
+            step, last = yield from self._control()
             now = yield Wait(step * self._sample_time)
             state = self._last_state(now)
         except Exception as error:
-            if in_the_air := (yield from self._come_down(error)):
-                raise PlantError(f"{error}; then {in_the_air}") from error
+            if landing_error := (yield from self._end_after(error)):
+                raise PlantError(f"{error}; then {landing_error}") from error
             raise
         yield self._exchange.goodbye(step, now, last)
         reason = last.name.lower()
         now = yield from self._flight.land(now, reason)
-        remark = str(self._why_landed or self._holding)
+        remark = str(self._landing_cause or self._hold_reason)
         self._recorder.end(reason, now, state, remark, self._exchange.counts, self._exchange.unmet)
-        return Ending(last, self._why_landed)
+        return Ending(last, self._landing_cause)
 
     def _last_state(self, now: int) -> State:
-        """The state at the end; of a body that had to come down, which may be able to say nothing any more, none."""
-        if self._why_landed:
+        """Return the state at the end; empty after an early landing, when the plant may be unable to sense."""
+        if self._landing_cause:
             return State()
         with blaming(PlantError, f"agent {self._me.id}: sense"):
             return self._plant.sense(now)
 
-    def _fly(self) -> Loop[tuple[int, Last]]:
-        """Begin, and control step by step; the first step that is not taken, and why it is not."""
+    def _control(self) -> Loop[tuple[int, Last]]:
+        """Begin, and control step by step; return the first step that is not taken, and the kind of goodbye."""
         step = yield from self._begin()
         reason: Last | None = None
         while step < self._fleet.steps and reason is None:
             try:
-                reason = yield from self._fate.lead(self._step(step))
+                reason = yield from self._options.node_faults.lead(self._step(step))
                 step += 1
             except Crashed as crash:
-                step = yield from self._lie_dead(crash, step)
+                step = yield from self._crashed(crash, step)
         return step, reason or Last.DONE
 
     def _begin(self) -> Loop[int]:
-        """Start with the fleet, or join it when it is under way already; the first step."""
-        if self._last_life is None:
+        """Start with the fleet, or join it while it is running; return the first step."""
+        if self._options.last_state is None:
             yield from self._flight.begin()
             return 0
-        now = yield from self._flight.join(self._last_life)
+        now = yield from self._flight.join(self._options.last_state)
         step = now // self._sample_time + 1
         self._recorder.event("joined", now, step=step)
         return step
 
-    def _come_down(self, error: Exception) -> Loop[PlantError | None]:
-        """Say goodbye after a failure, land, and end the log; what went wrong with the landing."""
+    def _end_after(self, error: Exception) -> Loop[PlantError | None]:
+        """Say goodbye after a failure, land, and end the log; return the error of the landing, if there is one."""
         reason, remark, now = "stopped" if isinstance(error, Stopped) else "failed", str(error), 0
-        problem: PlantError | None = None
+        landing_error: PlantError | None = None
         try:
             now = yield self._exchange.goodbye(NEVER, 0, Last.FAILED)
-        except Exception as another:  # nobody hears it; the body lands all the same
+        except Exception as another:  # the body lands even if the goodbye cannot be sent
             remark += f"; then {another}"
         try:
             yield from self._flight.land(now, reason)
         except PlantError as another:
-            problem = another
+            landing_error = another
             remark += f"; then {another}"
         self._recorder.end(reason, -1, State(), remark, self._exchange.counts, self._exchange.unmet)
-        return problem
+        return landing_error
 
     def _step(self, step: int) -> Loop[Last | None]:
-        """One turn of the loop; the reason to end, if there is one."""
+        """Do one control step; return the kind of goodbye if the run ends with it."""
         due = step * self._sample_time
         place = f"agent {self._me.id}: step {step}"
         now = yield Wait(due)  # 4 synchronise
         with blaming(PlantError, f"{place}: sense"):
             state = _finite(self._plant.sense(now), place)  # 3 sense
         if last := self._react("body", self._supervisor.body(state), step, now):
-            self._recorder.step(StepRecord.abstained(step, now, state, Setpoint.hold(state), str(self._why_landed)))
+            self._recorder.step(StepRecord.abstained(step, now, state, Setpoint.hold(state), str(self._landing_cause)))
             return last
-        if self._holding:
+        if self._hold_reason:
             yield self._exchange.abstain(step, now, due + self._sample_time)
-            setpoint = Setpoint.hold(state)
-            with blaming(PlantError, f"{place}: act"):
-                self._plant.act(setpoint, now)
-            self._recorder.step(StepRecord.abstained(step, now, state, setpoint, self._holding))
+            self._hold(step, now, state)
             return None
         sensed = now
         with blaming(AlgorithmError, place):
-            arrived = self._arrival.update(now, self._distance_to_go(state))
+            arrived = self._arrival.update(now, self._options.distance_to_go(state))
             dialogue = self._controller.control(state, step)
         outcome = yield from self._exchange.negotiate(  # 1 communicate, 2 compute
             dialogue,
@@ -189,7 +197,7 @@ class Agent:
             until=due + self._budget,
             next_step=due + self._sample_time,
             arrived=arrived,
-            here=tuple(state.position.tolist()),
+            position=tuple(state.position.tolist()),
         )
         now = outcome.now
         with blaming(AlgorithmError, f"{place} round {outcome.rounds}"):
@@ -198,14 +206,25 @@ class Agent:
         if not late and (moment := due + nanoseconds(self._controller.acts_after)) > now:
             now = yield Wait(moment)
         last = self._react("decision", alarms, step, now)
-        if last or self._holding:
+        if last or self._hold_reason:
             setpoint = Setpoint.hold(state)
         if not last:
             with blaming(PlantError, f"{place}: act"):
                 self._plant.act(setpoint, now)  # 3 act
-        remark = self._watch_neighbours(step, now)
+        remark = self._update_lost(now)
         record = StepRecord.of(step, sensed, state, now, setpoint, outcome, late=late, remark=remark)
         self._recorder.step(record)  # 5 log
+        return self._after(outcome, step, now, last)
+
+    def _hold(self, step: int, now: int, state: State) -> None:
+        """Stay where the body is, without a negotiation."""
+        setpoint = Setpoint.hold(state)
+        with blaming(PlantError, f"agent {self._me.id}: step {step}: act"):
+            self._plant.act(setpoint, now)
+        self._recorder.step(StepRecord.abstained(step, now, state, setpoint, self._hold_reason))
+
+    def _after(self, outcome: Outcome[Decision], step: int, now: int, last: Last | None) -> Last | None:
+        """Return the kind of goodbye if the run ends after this step, `last` being what the supervisor says so far."""
         if outcome.all_arrived or self._exchange.departed(Last.ARRIVED):
             return Last.ARRIVED
         silent = self._supervisor.neighbours([f"neighbour {j} is lost ({how})" for j, how in self._lost.items()])
@@ -214,10 +233,10 @@ class Agent:
     def _supervised(
         self, setpoint: Setpoint, state: State, outcome: Outcome[Decision], *, late: bool, place: str
     ) -> tuple[Setpoint, list[Alarm]]:
-        """The setpoint within its limits, and what the supervisor has to say of the step.
+        """Return the setpoint within its limits, and the supervisor's alarms on this step.
 
         Raises:
-            NumericalError: It is not finite, and nothing else shall follow from that.
+            NumericalError: The setpoint is not finite, and `safety.not_finite` is "land".
         """
         if problem := _unsound(setpoint, outcome):
             text = f"round {outcome.rounds}: {problem}"
@@ -232,43 +251,51 @@ class Agent:
         return setpoint, alarms
 
     def _react(self, look: str, alarms: Sequence[Alarm], step: int, now: int) -> Last | None:
-        """Note what is new, and do what follows; how the flight ends, if it does."""
+        """Log new alarms and carry out the most severe reaction; return the kind of goodbye if that ends the run.
+
+        Args:
+            look: Name of the check that gave the alarms; see `Supervisor.fresh`.
+            alarms: Its alarms.
+            step: Control step k.
+            now: Fleet time, ns.
+        """
         for alarm in self._supervisor.fresh(look, alarms):
             self._recorder.event("alarm", now, step=step, **alarm._asdict())
-        worst = gravest(alarms)
+        worst = most_severe(alarms)
         if worst is None or worst.then in ("log", "clip"):
             return None
         if worst.then == "hold":
-            self._holding = self._holding or worst.text
+            self._hold_reason = self._hold_reason or worst.text
             return None
         if worst.then == "stop":
             self._plant.emergency_stop()
         cause = NeighbourLost if worst.rule == "neighbour_silent" else Landed
-        self._why_landed = cause(f"agent {self._me.id}: step {step}: {worst.text}")
+        self._landing_cause = cause(f"agent {self._me.id}: step {step}: {worst.text}")
         return Last.LANDED
 
     def _in_time(self, outcome: Outcome[Decision], state: State, *, late: bool) -> tuple[Setpoint, bool]:
-        """The setpoint that flies, and whether the step overran."""
+        """Return the setpoint to fly, and whether the step overran."""
         setpoint = outcome.result.setpoint
         if setpoint is not None and not late:
             return setpoint, False
         planned = self._controller.next_of_plan() if self._fleet.exchange.late == "previous_plan" else None
         return planned or Setpoint.hold(state), True
 
-    def _watch_neighbours(self, step: int, now: int) -> str:
-        """See who is lost, and who is back; what there is to say about it."""
-        lost = self._exchange.lost_neighbours(step, now, nanoseconds(self._fleet.safety.neighbour_silent.after))
+    def _update_lost(self, now: int) -> str:
+        """Find out which neighbours are lost; return the changes, in words."""
+        lost = self._exchange.lost_neighbours(now, nanoseconds(self._fleet.safety.neighbour_silent.after))
         news = [f"neighbour {j} is lost ({how})" for j, how in lost.items() if j not in self._lost]
         news += [f"neighbour {j} is back" for j in self._lost if j not in lost]
         self._lost = lost
         return "; ".join(news)
 
-    def _lie_dead(self, crash: Crashed, step: int) -> Loop[int]:
-        """Do nothing until the restart: the body comes to rest. The step from which this agent takes part again."""
-        back = self._fate.back_at(crash.at)
-        first = step if crash.at < step * self._sample_time else step + 1  # it may have died before the step began
+    def _crashed(self, crash: Crashed, step: int) -> Loop[int]:
+        """Do nothing from a crash until the restart, while the body comes to rest; return the next step to take."""
+        node_faults = self._options.node_faults
+        back = node_faults.back_at(crash.at)
+        first = step if crash.at < step * self._sample_time else step + 1  # it may have crashed before the step began
         again = min(self._fleet.steps, max(first, -(-back // self._sample_time)))
-        if self._fate.announces:
+        if node_faults.announces:
             yield self._exchange.away(again, crash.at, again * self._sample_time)
         self._recorder.event("crashed", crash.at, step=step)
         with blaming(PlantError, f"agent {self._me.id}: step {step}: sense"):
@@ -277,8 +304,8 @@ class Agent:
         with blaming(PlantError, f"agent {self._me.id}: step {step}: act"):
             self._plant.act(setpoint, crash.at)
         if again > step:
-            heard = self._exchange.cut_short(step)
-            self._recorder.step(StepRecord.abstained(step, crash.at, state, setpoint, str(crash), *heard))
+            links, passed = self._exchange.cut_short(step)
+            self._recorder.step(StepRecord.abstained(step, crash.at, state, setpoint, str(crash), links, passed))
         for missed in range(step + 1, again):
             now = yield Wait(missed * self._sample_time)
             with blaming(PlantError, f"agent {self._me.id}: step {missed}: sense"):
@@ -292,10 +319,10 @@ class Agent:
 
 
 class Arrival:
-    """Whether an agent has been near its target for long enough.
+    """Arrival of an agent: it has been near its target for long enough.
 
     Args:
-        rule: How near and how long; None: nobody ever arrives.
+        rule: Distance and duration; None: the agent never arrives.
     """
 
     def __init__(self, rule: Arrived | None) -> None:
@@ -303,7 +330,7 @@ class Arrival:
         self._since: int | None = None
 
     def update(self, now: int, distance: float) -> bool:
-        """Take in the `distance` to the target, in m, at `now`, in ns."""
+        """Take in the `distance` to the target, m, at `now`, ns; return whether the agent has arrived."""
         if self._rule is None or distance > self._rule.within:
             self._since = None
             return False
@@ -319,7 +346,7 @@ def _finite(state: State, place: str) -> State:
 
 
 def _unsound(setpoint: Setpoint, outcome: Outcome[Decision]) -> str:
-    """What is not finite: a decision, or a setpoint made from it; empty if all is well."""
+    """Describe what is not finite: the decision, or the setpoint made from it; empty if both are."""
     flown = setpoint.vector if setpoint.acceleration is not None else setpoint.position
     for what, vector in (("the algorithm's decision", outcome.result.value), ("the controller's setpoint", flown)):
         if not np.isfinite(vector).all():

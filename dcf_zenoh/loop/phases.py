@@ -73,13 +73,13 @@ class Flight:
             self._plant.start(now)
         return now
 
-    def join(self, last_life: State) -> Loop[int]:
+    def join(self, last_state: State) -> Loop[int]:
         """Take part again in a run that is under way; fleet time, ns."""
         yield from self._go_through("prepare", self._plant.prepare)
         now = yield Wait(0)
         self._off_the_ground = True
         with self._blaming("resume"):
-            self._plant.resume(last_life, now)
+            self._plant.resume(last_state, now)
         return now
 
     def land(self, now: int, reason: str) -> Loop[int]:
@@ -164,7 +164,7 @@ class Flight:
 
     def _missing(self, timeout: int) -> str:
         """Why somebody was not heard."""
-        lost = [f"neighbour {j} is lost ({how})" for j, how in self._exchange.lost_neighbours(-1, 0, NEVER).items()]
+        lost = [f"neighbour {j} is lost ({how})" for j, how in self._exchange.lost_neighbours(0, NEVER).items()]
         return "; ".join(lost) or f"not everybody was heard within {timeout * 1e-9:g} s"
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from dcf_zenoh.plant import Array, Setpoint, State
 from dcf_zenoh.spec import Arena, LimitRule, Safety
 
-# What may follow, the gravest last.
+# What may follow from an alarm, the most severe last.
 REACTIONS = ("log", "clip", "hold", "land", "stop")
 
 
@@ -110,8 +110,8 @@ class Supervisor:
         return [alarm for alarm in alarms if alarm.rule not in before]
 
 
-def gravest(alarms: Sequence[Alarm]) -> Alarm | None:
-    """The alarm with the gravest reaction, the first of several."""
+def most_severe(alarms: Sequence[Alarm]) -> Alarm | None:
+    """Return the alarm with the most severe reaction, the first of several; None if there is no alarm."""
     return max(alarms, key=lambda alarm: REACTIONS.index(alarm.then), default=None)
 
 

@@ -1,4 +1,4 @@
-"""Rounds of messages within a control step: dialogue, sender, receiver, agreement on the end.
+"""Rounds of messages within a control step: dialogue, sender, receiver, agreement on the end, the two modes.
 
-Does no I/O and knows no clock; imports the kinds' interfaces, faults and the mailbox, never the loop.
+No I/O and no clock in here. Imports algorithms, faults and the mailbox, never the loop.
 """

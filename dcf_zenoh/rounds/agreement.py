@@ -1,4 +1,4 @@
-"""How a fleet agrees, by the headers of its messages alone, that a step is over and that all have arrived."""
+"""Agreement of a fleet, by the headers of its messages alone, that a step is over and that all agents have arrived."""
 
 import math
 from collections.abc import Collection, Iterable
@@ -8,7 +8,7 @@ from dcf_zenoh.message import Message
 
 
 class Header(NamedTuple):
-    """The part of a message that the agreement lives on; see `Message` for the fields."""
+    """The part of a message that serves the agreement; see `Message` for the fields."""
 
     residuals: tuple[float, ...] = ()
     stop_at: int = -1
@@ -16,17 +16,17 @@ class Header(NamedTuple):
 
 
 class Agreement:
-    """One agent's view of the agreement within one step.
+    """Agreement within one step, as seen by one agent.
 
-    Every message carries, for each d below the diameter D, the largest residual within d hops, d rounds ago. So at
-    the end of a round all agents know the fleet's largest residual of D - 1 rounds before, the same number
-    everywhere, and whoever finds it below the threshold knows that everybody does. With a margin, for networks that
-    lose messages, the end is announced so many rounds ahead and the earliest announcement heard counts.
+    Every message contains, for each d below the diameter D, the largest residual within d hops, d rounds ago. So at
+    the end of a round all agents have the same number, the fleet's largest residual of D - 1 rounds before, and all
+    find it below the threshold in the same round. With a margin, for networks that lose messages, the end is announced
+    that many rounds ahead and the earliest announcement received counts.
 
     Args:
-        diameter: Of the communication graph, in hops.
-        neighbours: How many agents this one hears.
-        threshold: The step is over when no residual reaches it.
+        diameter: Diameter of the communication graph, in hops.
+        neighbours: Number of in-neighbours of this agent.
+        threshold: Bound on the residuals: the step is over when none reaches it.
         margin: Rounds between announcing the end and leaving.
         arrived: Whether this agent has arrived.
     """
@@ -41,17 +41,16 @@ class Agreement:
         self._arrived_hops = 0 if arrived else -1
 
     def header(self, residual: float) -> Header:
-        """What to send with the agent's own `residual`."""
+        """Return the header to send with the agent's own `residual`."""
         return Header((residual, *self._farther), self._stop_at, self._arrived_hops)
 
-    def conclude(self, residual: float, heard: Iterable[Message], round: int) -> bool:
-        """Take in the newest header of each neighbour at the end of `round`; whether this round is the last."""
+    def conclude(self, residual: float, received: Iterable[Message], round: int) -> bool:
+        """Take in the newest header of each neighbour at the end of `round`; return whether this round is the last."""
         spread = [residual, *self._farther]
-        messages = [message for message in heard if len(message.residuals) == len(spread)]
+        messages = [message for message in received if len(message.residuals) == len(spread)]
         for message in messages:
             for d, each in enumerate(message.residuals):
-                if each > spread[d]:  # noqa: PLR1730 - max() takes longer
-                    spread[d] = each
+                spread[d] = max(spread[d], each)
             if message.stop_at >= 0:
                 self._announce(message.stop_at)
         if spread.pop() < self._threshold:
@@ -61,7 +60,10 @@ class Agreement:
         return 0 <= self._stop_at <= round
 
     def note_arrived(self, messages: Collection[Message]) -> None:
-        """Take in who has arrived, from the newest header of each neighbour; sound without rounds in step, too."""
+        """Take in from the newest header of each neighbour how far around it all have arrived.
+
+        This needs no rounds in step: it is correct in asynchronous mode, too.
+        """
         if self._arrived_hops >= 0:
             hops = [message.arrived_hops for message in messages]
             if -1 in hops:
@@ -70,7 +72,7 @@ class Agreement:
                 self._arrived_hops = min((self._arrived_hops, *hops)) + 1
 
     def _announce(self, round: int) -> None:
-        """The earliest end counts."""
+        """Take in an announced end: the earliest counts."""
         self._stop_at = round if self._stop_at < 0 else min(self._stop_at, round)
 
     @property

@@ -1,4 +1,4 @@
-"""One dialogue on its way through its rounds: resumed, checked, timed and noted."""
+"""Run of one dialogue through its rounds: resumed, checked, timed and logged."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -12,13 +12,13 @@ T = TypeVar("T")
 
 
 class RoundRecord(NamedTuple):
-    """One round, as the log keeps it.
+    """Log entry of one round.
 
     Attributes:
-        payload: What the agent sent; of edge payloads, neighbour -> payload.
-        residual: The agent's own.
-        received_at: Neighbour -> fleet time at which its message of this round was there, ns.
-        noted: What the algorithm wanted to show (`Me.note`).
+        payload: Payload that the agent sent; of edge payloads, neighbour -> payload.
+        residual: The agent's own residual.
+        received_at: Neighbour -> fleet time at which its message of this round was received, ns.
+        noted: Values that the algorithm noted (`Me.note`).
     """
 
     payload: Mapping[Any, Any]
@@ -28,22 +28,23 @@ class RoundRecord(NamedTuple):
 
 
 class DialogueRun(Generic[T]):
-    """Leads one dialogue.
+    """Run of one dialogue.
 
     Args:
-        dialogue: An algorithm, or whatever speaks its contract.
-        place: Whose it is and of which step, for messages: ``agent 1: step 3``.
-        stopwatch: Real time in ns, to measure computation.
-        noted: What the algorithm wants to see in the log of a round; None to keep no log of rounds.
+        dialogue: An algorithm, or another generator with its contract.
+        place: Agent and step, for error texts: ``agent 1: step 3``.
+        stopwatch: Clock in real ns, to measure computation.
+        noted: Returns what the algorithm notes for the log of a round; None: no log of rounds.
 
     Attributes:
-        finished: Whether it has returned.
-        rounds: How many payloads it has yielded.
-        payload: The last one.
-        residual: The last one.
-        compute: Real time spent in it, ns.
-        last_compute: Real time spent in it since it was resumed last, ns.
-        log: One record per round, if those were asked for.
+        place: Agent and step.
+        finished: Whether the dialogue has returned.
+        rounds: Number of payloads yielded so far.
+        payload: The last payload.
+        residual: The last residual.
+        compute: Real time spent in the dialogue, ns.
+        last_compute: Real time spent in the dialogue since it was last resumed, ns.
+        log: One record per round; empty without a log of rounds.
     """
 
     def __init__(
@@ -54,11 +55,11 @@ class DialogueRun(Generic[T]):
         noted: Callable[[], Mapping[str, Any]] | None,
     ) -> None:
         self._dialogue = dialogue
-        self._place = place
         self._stopwatch = stopwatch
         self._noted = noted
-        self._heard: tuple[Mapping[Any, Any], float, dict[int, int]] | None = None  # of the round to be logged
+        self._unfinished_record: tuple[Mapping[Any, Any], float, dict[int, int]] | None = None
         self._result: T
+        self.place = place
         self.payload: Payload | PerNeighbour = {}
         self.finished = False
         self.rounds = 0
@@ -68,47 +69,46 @@ class DialogueRun(Generic[T]):
         self.log: list[RoundRecord] = []
 
     def resume(self, inbox: Inbox | None) -> bool:
-        """Hand over what was heard; whether the dialogue goes on, with its next payload.
+        """Resume the dialogue with the inbox of its last round; return whether it has yielded another payload.
 
         Raises:
             AlgorithmError: The dialogue broke the contract, or raised an exception.
             NumericalError: A residual is not a number.
         """
         began = self._stopwatch()
-        said = self._advance(inbox)
+        yielded = self._advance(inbox)
         self.last_compute = self._stopwatch() - began
         self.compute += self.last_compute
-        if self._noted is not None and self._heard is not None:  # digested now: what was noted belongs to it
-            self.log.append(RoundRecord(*self._heard, self._noted()))
+        if self._noted is not None and self._unfinished_record is not None:  # the notes on an inbox are there now
+            self.log.append(RoundRecord(*self._unfinished_record, self._noted()))
         if self.finished:
             return False
         if inbox is not None and inbox.stop:
-            raise AlgorithmError(f"{self.place}: the algorithm went on after inbox.stop")
-        self._take(said)
+            raise AlgorithmError(f"{self._round}: the algorithm went on after inbox.stop")
+        self._take(yielded)
         self.rounds += 1
         return True
 
     @property
-    def logs(self) -> bool:
-        """Whether it keeps a log of rounds."""
+    def keeps_log(self) -> bool:
+        """Whether there is a log of rounds."""
         return self._noted is not None
 
-    def hear(self, own: Mapping[Any, Any], received_at: dict[int, int]) -> None:
-        """Note what the inbox that is handed over next answers, for the log."""
-        self._heard = own, self.residual, received_at
+    def note_round(self, own: Mapping[Any, Any], received_at: dict[int, int]) -> None:
+        """Begin the record of the round whose inbox the dialogue is resumed with next."""
+        self._unfinished_record = own, self.residual, received_at
 
     @property
     def result(self) -> T:
-        """What the dialogue returned."""
+        """Return value of the dialogue."""
         return self._result
 
     @property
-    def place(self) -> str:
-        """Where the dialogue is, for messages."""
-        return f"{self._place} round {self.rounds}"
+    def _round(self) -> str:
+        return f"{self.place} round {self.rounds}"
 
     def _advance(self, inbox: Inbox | None) -> Any:
-        """What the dialogue says next; whether it has `finished`."""
+        """Return what the dialogue yields next, or set `finished`."""
         try:
             return next(self._dialogue) if inbox is None else self._dialogue.send(inbox)
         except StopIteration as finished:
@@ -116,24 +116,26 @@ class DialogueRun(Generic[T]):
             self._result = finished.value
             return None
         except AlgorithmError as error:
-            raise AlgorithmError(f"{self.place}: {error}") from error
+            raise AlgorithmError(f"{self._round}: {error}") from error
         except DcfError:
             raise
         except (Exception, SystemExit) as error:
-            raise AlgorithmError(f"{self.place}: {account(error)}") from error
+            raise AlgorithmError(f"{self._round}: {account(error)}") from error
 
-    def _take(self, said: Any) -> None:
-        """Take in what the dialogue said: a payload, which is checked when it is sent, and a residual."""
+    def _take(self, yielded: Any) -> None:
+        """Check and keep a residual and its payload; the content of the payload is checked when it is sent."""
         try:
-            self.payload, residual = said
+            self.payload, residual = yielded
             self.residual = float(residual)
         except (TypeError, ValueError):
             raise AlgorithmError(
-                f"{self.place}: the algorithm yielded {said!r:.60}; expected a payload and a residual"
+                f"{self._round}: the algorithm yielded {yielded!r:.60}; expected a payload and a residual"
             ) from None
         if self.residual != self.residual:
             raise NumericalError(
-                f"{self.place}: the algorithm's residual is not a number; it diverges if a step size is too large"
+                f"{self._round}: the algorithm's residual is not a number; it diverges if a step size is too large"
             )
         if self.residual < 0:
-            raise AlgorithmError(f"{self.place}: the algorithm's residual is {self.residual:g}; expected a number >= 0")
+            raise AlgorithmError(
+                f"{self._round}: the algorithm's residual is {self.residual:g}; expected a number >= 0"
+            )

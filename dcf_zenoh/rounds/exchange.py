@@ -1,38 +1,42 @@
-"""Rounds: how an agent's algorithm talks with its neighbours, the same over Zenoh and in the simulator."""
+"""Exchange of messages in one step: the interface of a mode, and the parts that both modes share.
+
+It is the same over Zenoh and in the simulator.
+"""
 
 from collections.abc import Callable, Mapping
-from typing import Any, Generic, NamedTuple, TypeVar
+from dataclasses import dataclass
+from typing import Any, Generic, NamedTuple, Protocol, TypeVar
 
 from dcf_zenoh.algorithms.algorithm import Dialogue, Inbox
 from dcf_zenoh.errors import AlgorithmError, MessageError
 from dcf_zenoh.graph import Neighbourhood
 from dcf_zenoh.message import Last
 from dcf_zenoh.messaging.mailbox import Mailbox
-from dcf_zenoh.requests import NEVER, Activate, Loop, Publish, Wait
-from dcf_zenoh.rounds.activation import ActivationSchedule
-from dcf_zenoh.rounds.agreement import Agreement, Header
+from dcf_zenoh.requests import NEVER, Loop, Publish
+from dcf_zenoh.rounds.agreement import Agreement
 from dcf_zenoh.rounds.dialogue import DialogueRun, RoundRecord
 from dcf_zenoh.rounds.receiver import LinkCount, Note, Receiver
 from dcf_zenoh.rounds.sender import Sender, Sent
-from dcf_zenoh.spec import Rounds, nanoseconds
+from dcf_zenoh.spec import Rounds
 
 T = TypeVar("T")
 
 
 class Outcome(NamedTuple, Generic[T]):
-    """What came of the rounds of one step.
+    """Outcome of the rounds of one step.
 
     Attributes:
         now: Fleet time at the end, ns.
-        result: What the dialogue returned.
-        rounds: How many rounds there were.
+        result: Return value of the dialogue.
+        rounds: Number of rounds.
         residual: The agent's own residual of the last round.
-        stopped_by: 'agreed', 'rounds' (out of rounds), 'budget' (out of time) or 'returned' (of its own accord).
+        stopped_by: 'agreed', 'rounds' (out of rounds), 'budget' (out of time) or 'returned' (the dialogue ended by
+            itself).
         compute: Real time spent in the dialogue, ns.
-        links: Neighbour -> what came from it.
-        passed: What the links did to messages, as far as they have faults or it is to be logged.
-        all_arrived: Every agent of the fleet has arrived.
-        log: One record per round, if those were asked for.
+        links: Neighbour -> counts of its messages.
+        passed: Log entries of messages: over links with faults, or over all links where the receiver logs all.
+        all_arrived: Whether every agent of the fleet has arrived.
+        log: One record per round; empty if the log of rounds is off.
     """
 
     now: int
@@ -47,59 +51,144 @@ class Outcome(NamedTuple, Generic[T]):
     log: list[RoundRecord]
 
 
-class Exchange:
-    """Rounds of one agent with its neighbours.
+@dataclass(frozen=True)
+class ComputeTime:
+    """Fleet time that the computation of a round takes.
 
-    Synchronous: a round ends when every in-neighbour's message of that round is there, or at the round's time-out, or
-    at the end of the step's time budget, whichever comes first. With a `rhythm`, asynchronous: a round is an activation
-    at an instant of the agent's own, with the freshest message of each neighbour.
+    In virtual time it is `fixed`, times the slowness. On the wall clock computation takes time by itself; a slow agent
+    waits for the rest.
+
+    Attributes:
+        fixed: Duration of a round's computation, ns; 0 on the wall clock.
+        slowness: Fleet time in ns -> factor by which computation takes longer; None: it never does.
+        virtual: Whether time is virtual.
+    """
+
+    fixed: int = 0
+    slowness: Callable[[int], float] | None = None
+    virtual: bool = True
+
+    def end(self, now: int, measured: int) -> int:
+        """Return when a computation ends that began at `now`, ns, and took `measured` ns of real time."""
+        if self.slowness is None:
+            return now + self.fixed
+        factor = self.slowness(now)
+        duration = self.fixed * factor if self.virtual else measured * (factor - 1)
+        return now + round(duration)
+
+
+@dataclass(frozen=True)
+class ExchangeOptions:
+    """Options of an exchange that do not come from the table ``[exchange]``.
+
+    Attributes:
+        stopwatch: Clock in real ns, to measure computation; in virtual time it never enters a decision.
+        noted: Returns what the algorithm notes for the log of a round; None: no log of rounds.
+        compute_time: Fleet time that computation takes.
+        share_position: Whether messages contain the position of the agent.
+    """
+
+    stopwatch: Callable[[], int]
+    noted: Callable[[], Mapping[str, Any]] | None = None
+    compute_time: ComputeTime = ComputeTime()
+    share_position: bool = False
+
+
+class StepExchange(NamedTuple, Generic[T]):
+    """Exchange of one step, as a mode sees it.
+
+    Attributes:
+        dialogue: The dialogue; resumed by the mode.
+        neighbourhood: Neighbours of the agent.
+        agreement: Agreement on the end of the step.
+        receiver: The receiving half.
+        sender: The sending half.
+        compute_time: Time that computation takes.
+        step: Control step k; below 0 before the start.
+        now: Fleet time at the beginning, ns.
+        until: End of the step's time budget, ns.
+        next_step: Beginning of the next step, ns.
+    """
+
+    dialogue: DialogueRun[T]
+    neighbourhood: Neighbourhood
+    agreement: Agreement
+    receiver: Receiver
+    sender: Sender
+    compute_time: ComputeTime
+    step: int
+    now: int
+    until: int
+    next_step: int
+
+    def messages(self, round: int, now: int, promise: int = 0) -> Sent:
+        """Return the messages of `round`, to be published at `now`.
+
+        Raises:
+            AlgorithmError: The payload cannot be sent.
+        """
+        dialogue = self.dialogue
+        header = self.agreement.header(dialogue.residual)
+        try:
+            return self.sender.round(dialogue.payload, self.neighbourhood, self.step, round, now, header, promise)
+        except MessageError as error:
+            raise AlgorithmError(f"{dialogue.place} round {round}: {error}") from error
+
+    def inbox(self, sent: Sent, round: int, *, stop: bool, synchronous: bool = True) -> Inbox:
+        """Return what the algorithm sees of `round`."""
+        if self.dialogue.keeps_log:
+            self.dialogue.note_round(sent.own, self.receiver.received_at(round))
+        return self.receiver.inbox(sent.own, sent.names, round, stop=stop, synchronous=synchronous)
+
+    def computed(self, now: int) -> int:
+        """Return when the computation that the dialogue has just done ends in fleet time, ns."""
+        return self.compute_time.end(now, self.dialogue.last_compute)
+
+
+class ExchangeMode(Protocol):
+    """How the rounds of a step follow each other: synchronously or asynchronously."""
+
+    def run(self, exchange: StepExchange[Any]) -> Loop[tuple[int, str]]:
+        """Exchange messages until the dialogue has returned; return the fleet time then, ns, and what ended it.
+
+        See `Outcome.stopped_by` for the second.
+        """
+        ...
+
+
+class Exchange:
+    """Exchange of one agent with its neighbours.
 
     Args:
         agent: Id of this agent.
-        neighbourhood: Step -> whom the agent hears and who hears it.
-        settings: Of the fleet file.
-        mailbox: Where the runner puts what arrives.
-        receiver: Takes it from there.
-        sender: Numbers what is sent.
-        stopwatch: Real time in ns, to measure computation; in virtual time it never enters a decision.
-        noted: What the algorithm wants to see in the log of a round; None to keep no log of rounds.
-        rhythm: Of the agent's activations; None in synchronous mode.
-        slowness: Fleet time in ns -> factor by which computing takes longer; None if it never does.
-        virtual: Computing takes the time that the settings say, and promises are needed.
-        tells_position: Its messages say where the agent is.
+        neighbourhood: Its neighbours.
+        settings: Table ``[exchange]`` of the fleet file.
+        mailbox: Messages received by the runner.
+        receiver: The receiving half, which reads `mailbox`.
+        sender: The sending half.
+        mode: Synchronous or asynchronous.
+        options: Further options.
     """
 
     def __init__(
         self,
         agent: int,
-        neighbourhood: Callable[[int], Neighbourhood],
+        neighbourhood: Neighbourhood,
         settings: Rounds,
         mailbox: Mailbox,
         receiver: Receiver,
         sender: Sender,
-        stopwatch: Callable[[], int],
-        *,
-        noted: Callable[[], Mapping[str, Any]] | None = None,
-        rhythm: ActivationSchedule | None = None,
-        slowness: Callable[[int], float] | None = None,
-        virtual: bool = True,
-        tells_position: bool = False,
+        mode: ExchangeMode,
+        options: ExchangeOptions,
     ) -> None:
         self._agent = agent
         self._neighbourhood = neighbourhood
         self._settings = settings
-        self._round_timeout = NEVER if settings.round_timeout is None else nanoseconds(settings.round_timeout)
-        self._compute_time = nanoseconds(settings.compute_time) if virtual else 0
-        self._margin = settings.margin or 0
         self._mailbox = mailbox
         self._receiver = receiver
         self._sender = sender
-        self._stopwatch = stopwatch
-        self._noted = noted
-        self._rhythm = rhythm
-        self._slowness = slowness
-        self._virtual = virtual
-        self._tells_position = tells_position
+        self._mode = mode
+        self._options = options
 
     def negotiate(
         self,
@@ -110,164 +199,59 @@ class Exchange:
         until: int = NEVER,
         next_step: int = NEVER,
         arrived: bool = False,
-        here: tuple[float, ...] = (),
+        position: tuple[float, ...] = (),
     ) -> Loop[Outcome[T]]:
         """Lead `dialogue` through the rounds of one step.
 
         Args:
-            dialogue: An algorithm, or whatever speaks its contract.
-            step: Control step k.
+            dialogue: An algorithm, or another generator with its contract.
+            step: Control step k; below 0 before the start.
             now: Fleet time, ns.
             until: End of the step's time budget, ns.
-            next_step: When the next step begins, ns.
-            arrived: Whether this agent has arrived, to be agreed upon on the way.
-            here: Where this agent is, m.
+            next_step: Beginning of the next step, ns.
+            arrived: Whether this agent has arrived; the fleet agrees on that by the way.
+            position: Position of this agent, m.
 
         Raises:
             AlgorithmError: The dialogue broke the contract, or raised an exception.
             NumericalError: A residual is not a number.
         """
-        hood = self._neighbourhood(step)
+        hood, settings, options = self._neighbourhood, self._settings, self._options
         agreement = Agreement(
-            hood.diameter, len(hood.receives_from), self._settings.threshold, self._margin, arrived=arrived
+            hood.diameter, len(hood.receives_from), settings.threshold, settings.margin or 0, arrived=arrived
         )
-        talk = DialogueRun(dialogue, f"agent {self._agent}: step {step}", self._stopwatch, self._noted)
-        self._sender.position = here if self._tells_position else ()
-        self._receiver.begin(step, hood.receives_from, here)
-        if self._rhythm is None or step < 0:  # the start is agreed upon in step
-            now, stopped_by = yield from self._rounds(talk, hood, agreement, step, now, until)
-        else:
-            now, stopped_by = yield from self._activations(
-                talk, hood, agreement, self._rhythm, step, now, until, next_step
+        run = DialogueRun(dialogue, f"agent {self._agent}: step {step}", options.stopwatch, options.noted)
+        self._sender.position = position if options.share_position else ()
+        self._receiver.begin(step, hood.receives_from, position)
+        now, stopped_by = yield from self._mode.run(
+            StepExchange(
+                run, hood, agreement, self._receiver, self._sender, options.compute_time, step, now, until, next_step
             )
+        )
         return Outcome(
-            now, talk.result, talk.rounds, talk.residual, stopped_by, talk.compute, self._receiver.links,
-            self._receiver.passed, agreement.all_arrived, talk.log,
+            now, run.result, run.rounds, run.residual, stopped_by, run.compute, self._receiver.links,
+            self._receiver.passed, agreement.all_arrived, run.log,
         )  # fmt: skip
 
-    def _rounds(
-        self, talk: DialogueRun[T], hood: Neighbourhood, agreement: Agreement, step: int, now: int, until: int
-    ) -> Loop[tuple[int, str]]:
-        """Synchronous rounds; when they ended, and why."""
-        timeout = self._round_timeout if step >= 0 else NEVER  # before the start there is time
-        receiver, senders = self._receiver, hood.receives_from
-        inbox: Inbox | None = None
-        stopped_by = ""
-        while talk.resume(inbox):
-            round = talk.rounds - 1
-            sent = self._sent(talk, hood, step, round, now, agreement.header(talk.residual))
-            for publication in sent.publications:
-                now = yield publication
-            deadline = min(until, now + timeout)
-            if senders:
-                now = yield Wait(deadline, senders, step, round)
-            end = receiver.round_end(round, now, deadline)
-            if end > now:
-                now = yield Wait(end)
-            receiver.close(round, now)
-            if agreement.conclude(talk.residual, receiver.messages, round):
-                stopped_by = "agreed"
-            elif round + 1 >= self._settings.max_rounds:
-                stopped_by = "rounds"
-            elif now >= until:
-                stopped_by = "budget"
-            inbox = self._inbox(talk, sent, round, stop=bool(stopped_by))
-            if step >= 0 and (end := self._computed(talk, now)) > now:
-                now = yield Wait(end)
-        if stopped_by in ("", "budget") or self._margin:  # the others may not know that it is through
-            yield Publish(self._sender.message(now, step, talk.rounds, last=Last.OF_STEP))
-        return now, stopped_by or "returned"
-
-    def _activations(
-        self,
-        talk: DialogueRun[T],
-        hood: Neighbourhood,
-        agreement: Agreement,
-        rhythm: ActivationSchedule,
-        step: int,
-        now: int,
-        until: int,
-        next_step: int,
-    ) -> Loop[tuple[int, str]]:
-        """Activations at instants of the agent's own; when they ended, and why."""
-        receiver, senders = self._receiver, hood.receives_from
-        inbox: Inbox | None = None
-        stopped_by = ""
-        activation = now
-        while talk.resume(inbox):
-            round = talk.rounds - 1
-            if (end := self._computed(talk, now)) > now:
-                now = yield Wait(end)
-            activation = max(rhythm.after(activation), now + 1)
-            if activation >= until:
-                stopped_by, activation = "budget", max(until, now + 1)
-            elif round + 1 >= self._settings.max_rounds:
-                stopped_by = "rounds"
-            # Nothing leaves before the next activation; after the last one, not before the next step.
-            promise = max(next_step, activation) if stopped_by else activation
-            sent = self._sent(talk, hood, step, round, now, agreement.header(talk.residual), promise)
-            for publication in sent.publications:
-                now = yield publication
-            now = yield Activate(activation, senders)
-            receiver.activate(round, now)
-            agreement.note_arrived(receiver.messages)
-            inbox = self._inbox(talk, sent, round, stop=bool(stopped_by), synchronous=False)
-        if (end := self._computed(talk, now)) > now:
-            now = yield Wait(end)
-        if not stopped_by:
-            last = self._sender.message(now, step, talk.rounds, last=Last.OF_STEP, promise=max(next_step, now))
-            yield Publish(last)
-        return now, stopped_by or "returned"
-
-    def _sent(
-        self,
-        talk: DialogueRun[T],
-        hood: Neighbourhood,
-        step: int,
-        round: int,
-        now: int,
-        header: Header,
-        promise: int = 0,
-    ) -> Sent:
-        """One round's messages; a payload that cannot be sent is the algorithm's error."""
-        try:
-            return self._sender.round(talk.payload, hood, step, round, now, header, promise)
-        except MessageError as error:
-            raise AlgorithmError(f"agent {self._agent}: step {step} round {round}: {error}") from error
-
-    def _inbox(self, talk: DialogueRun[T], sent: Sent, round: int, *, stop: bool, synchronous: bool = True) -> Inbox:
-        """What the algorithm sees of `round`."""
-        if talk.logs:
-            talk.hear(sent.own, self._receiver.received_at(round))
-        return self._receiver.inbox(sent.own, sent.names, round, stop=stop, synchronous=synchronous)
-
-    def _computed(self, talk: DialogueRun[T], now: int) -> int:
-        """When a round's computation is done: after what the settings say, or on the wall clock what is too much."""
-        if self._slowness is None:
-            return now + self._compute_time
-        factor = self._slowness(now)
-        duration = self._compute_time * factor if self._virtual else talk.last_compute * (factor - 1)
-        return now + round(duration)
-
     def cut_short(self, step: int) -> tuple[dict[int, LinkCount], list[Note]]:
-        """What had come in `step` when it broke off."""
+        """Return the counts and log entries of `step`, which broke off."""
         return self._receiver.cut_short(step)
 
     def abstain(self, step: int, now: int, next_step: int) -> Publish:
-        """Tell the neighbours that this agent takes no part in `step`."""
+        """Return the message by which this agent takes no part in `step`."""
         return Publish(self._sender.message(now, step, last=Last.OF_STEP, promise=next_step))
 
     def goodbye(self, step: int, now: int, last: Last) -> Publish:
-        """The last message of this agent."""
+        """Return the last message of this agent."""
         return Publish(self._sender.message(now, step, last=last))
 
     def away(self, step: int, now: int, until: int) -> Publish:
-        """Tell the runners of the neighbours that nothing follows before `step`, nor before `until`, ns."""
-        return Publish(self._sender.message(now, step, last=Last.AWAY, promise=until))
+        """Return the message that nothing follows before `step`, nor before `until`, ns; see `Sender.away`."""
+        return self._sender.away(step, now, until)
 
     @property
     def counts(self) -> dict[str, int]:
-        """Messages so far: published here; and of the neighbours', those that never came and those not accepted."""
+        """Messages so far: those published here, and those of neighbours that never came or were not accepted."""
         return {
             "published": self._sender.published,
             "lost": self._mailbox.missing,
@@ -278,23 +262,27 @@ class Exchange:
 
     @property
     def unmet(self) -> list[tuple[int, str, str]]:
-        """Faults of links that were to act on what no message had: neighbour, name, what that was."""
+        """Link faults that never had anything to act on: neighbour, name, description of what was missing."""
         return self._receiver.unmet
 
     def departed(self, last: Last) -> bool:
-        """Whether a neighbour has said goodbye with `last`, as far as the model knows."""
+        """Return whether a goodbye of kind `last` has been received, as far as the model may know of it."""
         return last in self._receiver.departed.values()
 
     @property
     def positions(self) -> dict[int, tuple[float, ...]]:
-        """Neighbour -> where it said to be in its newest message of this step, m, of those who told."""
+        """Neighbour -> position in its newest message of this step, m; without neighbours that send no position."""
         return {message.sender: message.position for message in self._receiver.messages if message.position}
 
-    def lost_neighbours(self, step: int, now: int, silent_after: int) -> dict[int, str]:
-        """Neighbours that died, failed or have been silent for longer than `silent_after` ns, and which it is."""
+    def lost_neighbours(self, now: int, silent_after: int) -> dict[int, str]:
+        """Return the neighbours that died, failed, landed or have been silent for longer than `silent_after` ns.
+
+        Returns:
+            Neighbour -> the reason, in words.
+        """
         found = {}
-        for j in self._neighbourhood(step).receives_from:
-            silence = now - self._receiver.last_heard.get(j, 0)
+        for j in self._neighbourhood.receives_from:
+            silence = now - self._receiver.last_received.get(j, 0)
             if dead := self._mailbox.dead(j):
                 found[j] = dead
             elif self._receiver.departed.get(j) is Last.LANDED:

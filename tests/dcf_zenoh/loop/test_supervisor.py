@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from dcf_zenoh.loop.supervisor import Alarm, Supervisor, gravest
+from dcf_zenoh.loop.supervisor import Alarm, Supervisor, most_severe
 from dcf_zenoh.plant import Setpoint, State, read_only
 from dcf_zenoh.spec import Arena, Safety
 
@@ -109,11 +109,11 @@ def test_alarm_is_new_once_until_it_has_been_away() -> None:
 @pytest.mark.parametrize(
     ("reactions", "worst"), [(["log", "clip"], "clip"), (["hold", "stop", "land"], "stop"), (["land", "hold"], "land")]
 )
-def test_gravest_reaction_wins(reactions: list[str], worst: str) -> None:
-    found = gravest([Alarm("", then, "") for then in reactions])
+def test_most_severe_reaction_wins(reactions: list[str], worst: str) -> None:
+    found = most_severe([Alarm("", then, "") for then in reactions])
     assert found is not None
     assert found.then == worst
 
 
-def test_without_alarms_none_is_the_gravest() -> None:
-    assert gravest([]) is None
+def test_without_alarms_none_is_the_most_severe() -> None:
+    assert most_severe([]) is None

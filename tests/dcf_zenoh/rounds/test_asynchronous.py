@@ -23,7 +23,8 @@ from dcf_zenoh.plant import NoPlant
 from dcf_zenoh.records.writer import Recorder
 from dcf_zenoh.requests import Loop, Wait
 from dcf_zenoh.rounds.activation import ActivationSchedule
-from dcf_zenoh.rounds.exchange import Exchange
+from dcf_zenoh.rounds.asynchronous import Asynchronous
+from dcf_zenoh.rounds.exchange import ComputeTime, Exchange, ExchangeOptions
 from dcf_zenoh.rounds.receiver import Receiver
 from dcf_zenoh.rounds.sender import Sender
 from dcf_zenoh.simulation import run_agents
@@ -118,16 +119,11 @@ def simulated(case: Case, dice: random.Random) -> tuple[Trace, dict[int, int], T
             if (delay := case.latency[j, agent])
         }
         rng = np.random.Generator(np.random.Philox([case.seed, agent, 2]))
-        exchange = Exchange(
-            agent,
-            lambda _step, hood=hood: hood,  # type: ignore[misc]
-            Rounds(mode="asynchronous", max_rounds=case.max_rounds, compute_time=case.compute * 1e-9),
-            mailbox,
-            Receiver(mailbox, links, hold=True),
-            Sender(agent),
-            lambda: 0,
-            rhythm=ActivationSchedule(case.period[agent], case.jitter[agent], rng),
-        )
+        settings = Rounds(mode="asynchronous", max_rounds=case.max_rounds)
+        mode = Asynchronous(settings, ActivationSchedule(case.period[agent], case.jitter[agent], rng))
+        options = ExchangeOptions(lambda: 0, compute_time=ComputeTime(case.compute))
+        receiver = Receiver(mailbox, links, hold=True)
+        exchange = Exchange(agent, hood, settings, mailbox, receiver, Sender(agent), mode, options)
         parts.append(AgentParts(agent, NoPlant(), mailbox, links, exchange, RECORDER, life(agent, exchange)))
     run_agents(parts, case.graph, dice.randrange)
     return sorted(trace), ends, sorted(passed)

@@ -13,10 +13,11 @@ from dcf_zenoh.graph import Neighbourhood
 from dcf_zenoh.message import Last, Message, Payload
 from dcf_zenoh.messaging.mailbox import Mailbox
 from dcf_zenoh.requests import NEVER, Publish, Wait
-from dcf_zenoh.rounds.exchange import Exchange, Outcome
+from dcf_zenoh.rounds.exchange import ComputeTime, Exchange, ExchangeOptions, Outcome
 from dcf_zenoh.rounds.receiver import Receiver
 from dcf_zenoh.rounds.sender import Sender
-from dcf_zenoh.spec import Rounds
+from dcf_zenoh.rounds.synchronous import Synchronous
+from dcf_zenoh.spec import Rounds, nanoseconds
 
 HOOD = Neighbourhood((2, 3), (2, 3), {1: 0.4, 2: 0.3, 3: 0.3}, 1, doubly_stochastic=True)
 MS = 1_000_000
@@ -33,7 +34,9 @@ class Bench:
         self.mailbox = Mailbox(HOOD.receives_from)
         rounds = Rounds(**settings)
         receiver = Receiver(self.mailbox, hold=rounds.missing == "hold", skip_after_rounds=rounds.skip_after_rounds)
-        self.exchange = Exchange(1, lambda _step: HOOD, rounds, self.mailbox, receiver, Sender(1), lambda: 0)
+        options = ExchangeOptions(lambda: 0, compute_time=ComputeTime(nanoseconds(rounds.compute_time)))
+        mode = Synchronous(rounds)
+        self.exchange = Exchange(1, HOOD, rounds, self.mailbox, receiver, Sender(1), mode, options)
         self.answer = answer
         self.published: list[Publish] = []
         self.now = 0
@@ -205,7 +208,7 @@ def test_a_silent_neighbour_is_found_lost_by_the_age_of_its_messages() -> None:
     bench = Bench(lambda j, p: ({}, bench.now) if j == 2 else None, round_timeout=0.01)
     bench.now = 500 * MS
     bench.run(listener(1), step=3)
-    assert list(bench.exchange.lost_neighbours(3, bench.now, 400 * MS)) == [3]
-    assert bench.exchange.lost_neighbours(3, bench.now, 900 * MS) == {}
+    assert list(bench.exchange.lost_neighbours(bench.now, 400 * MS)) == [3]
+    assert bench.exchange.lost_neighbours(bench.now, 900 * MS) == {}
     bench.mailbox.lost[2] = "its liveliness token is gone"
-    assert bench.exchange.lost_neighbours(3, bench.now, 900 * MS) == {2: "its liveliness token is gone"}
+    assert bench.exchange.lost_neighbours(bench.now, 900 * MS) == {2: "its liveliness token is gone"}
