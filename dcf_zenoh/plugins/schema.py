@@ -7,7 +7,7 @@ import dataclasses
 import inspect
 import typing
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from types import NoneType, SimpleNamespace
 from typing import Annotated, Any, get_args, get_origin
 
@@ -47,12 +47,14 @@ class Schema:
         owner: Name of the plug-in or of the sub-table, for messages.
         parameters: In the order of the signature.
         shared: Keys that must have the same value at every agent.
+        renamed: Key of an earlier version -> its present name or path, for messages.
         make: Makes the value of a sub-table from the values of its keys; None for a plug-in.
     """
 
     owner: str
     parameters: tuple[Parameter, ...]
     shared: tuple[str, ...] = ()
+    renamed: Mapping[str, str] = field(default_factory=dict)
     make: Callable[..., Any] | None = None
 
     @property
@@ -76,13 +78,14 @@ class Schema:
         problems: dict[str, str] = {}
         for key, value in options.items():
             if key not in known:
-                problems[key] = unknown_key(self.owner, key, known)
+                problems[key] = self._unknown(key, known)
                 continue
             try:
                 if (table := known[key].table) is None:
                     values[key] = convert(value, known[key].type)
                 elif not isinstance(value, Mapping):
-                    raise ValueError(f"expected a table, not {show(value)}")
+                    moved = f"; that value is called {self.renamed[key]!r} now" if key in self.renamed else ""
+                    raise ValueError(f"expected a table, not {show(value)}{moved}")
                 else:
                     inner, found = table.convert(value)
                     problems |= {f"{key}.{name}": text for name, text in found.items()}
@@ -91,6 +94,11 @@ class Schema:
             except ValueError as error:
                 problems[key] = str(error)
         return values, problems
+
+    def _unknown(self, key: str, known: Iterable[str]) -> str:
+        if key in self.renamed:
+            return f"{self.owner} has no key {key!r} any more: it is called {self.renamed[key]!r}"
+        return unknown_key(self.owner, key, known)
 
     def complete(self, options: Mapping[str, Any]) -> dict[str, Any]:
         """Return the values that the plug-in gets for `options`, and the defaults of all other keys that have one."""
@@ -113,12 +121,14 @@ def accepted(plugin: Callable[..., Any]) -> Schema:
     """Return the keys of `plugin`, from its signature.
 
     A parameter without annotation takes values of the type of its default. The plug-in may name keys that must not
-    differ from agent to agent in an attribute ``SHARED``.
+    differ from agent to agent in an attribute ``SHARED``, and the present names of earlier keys in a mapping
+    ``RENAMED``.
 
     Raises:
         PluginError: An annotation cannot be resolved, or there is no signature.
     """
-    return Schema(name_of(plugin), tuple(_parameters(plugin)), tuple(getattr(plugin, "SHARED", ())))
+    shared, renamed = getattr(plugin, "SHARED", ()), getattr(plugin, "RENAMED", {})
+    return Schema(name_of(plugin), tuple(_parameters(plugin)), tuple(shared), renamed)
 
 
 def name_of(plugin: Callable[..., Any]) -> str:

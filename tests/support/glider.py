@@ -37,6 +37,7 @@ class Noise:
 
 class Glide:
     SHARED = ("limits", "weights.state")
+    RENAMED = {"input": "weights.input", "limits": "limits.low"}
 
     def __init__(self, agent, *, target: tuple[float, ...] = (0.0, 0.0), weights: Weights = Weights(input=0.5),
                  limits: "Range", noise: Noise | None = None, free: dict = {}):

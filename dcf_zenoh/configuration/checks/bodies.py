@@ -1,9 +1,10 @@
 """What a fleet file must satisfy because of its bodies: where they are, and what moves in the real world."""
 
-import inspect
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from typing import Any
 
 from dcf_zenoh.diagnostics import Diagnostics
+from dcf_zenoh.plugins import Schema, accepted
 from dcf_zenoh.spec import FleetSpec
 
 
@@ -66,17 +67,31 @@ def check_body(
 
 
 def _check_height(plugin: object, spec: FleetSpec, problems: Diagnostics, name: str, users: Iterable[int]) -> None:
-    """Check that bodies which start in the plane and fly at a height of their own do so in the arena."""
+    """Check that bodies that start in the plane and have a key `height`, perhaps in a sub-table, fly in the arena."""
     if spec.arena is None or len(spec.arena.min) < 3 or not callable(plugin):
         return
-    default = inspect.signature(plugin).parameters.get("height")
     low, high = spec.arena.min[2], spec.arena.max[2]
-    for agent in users if default is not None else ():
+    key, default = _height_key(accepted(plugin))
+    for agent in users if key else ():
         own = spec.agent(agent)
-        height = own.plant.options.get("height", default.default) if own.plant and default else None
+        height: Any = own.plant.options if own.plant else {}
+        for part in key.split("."):
+            height = height.get(part) if isinstance(height, Mapping) else None
+        height = default if height is None else height
         if len(own.start) == 2 and isinstance(height, int | float) and not low <= height <= high:
             problems.add(
-                f"plants.{name}.height",
+                f"plants.{name}.{key}",
                 f"agent {agent} would fly outside the arena: {height:g} m, allowed {low:g} .. {high:g} m",
             )
             return
+
+
+def _height_key(schema: Schema) -> tuple[str, Any]:
+    """Return the path of the key `height` of a plant, or of a sub-table, and its default; an empty path if none."""
+    for each in schema.parameters:
+        if each.name == "height":
+            return "height", each.default
+        for inner in each.table.parameters if each.table else ():
+            if inner.name == "height":
+                return f"{each.name}.height", inner.default
+    return "", None

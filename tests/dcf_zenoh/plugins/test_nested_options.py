@@ -51,6 +51,13 @@ def test_plugin_gets_an_object_with_defaults_for_the_keys_not_given(gliders: Pat
     assert made(gliders).weights.input == 0.5
 
 
+def test_earlier_key_is_refused_with_its_present_path(gliders: Path) -> None:
+    text = "problem.input: Glide has no key 'input' any more: it is called 'weights.input'"
+    assert refused(gliders, input=1.0) == [text]
+    text = "problem.limits: expected a table, not 2.0; that value is called 'limits.low' now"
+    assert refused(gliders, limits=2.0) == [text]
+
+
 def test_optional_table_is_made_only_if_it_is_given(gliders: Path) -> None:
     assert made(gliders).noise is None
     assert made(gliders, noise={}).noise.seed == 3
