@@ -3,10 +3,12 @@
 import gc
 import signal
 from collections.abc import Iterable
+from pathlib import Path
 
 import pytest
 
 import agentd  # noqa: F401 - one thread for the linear algebra, as in every run, whatever else is imported first
+from tests.support.daemons import TRIO
 
 signal.signal(signal.SIGINT, signal.default_int_handler)  # in the background it may be ignored, in all children too
 
@@ -21,3 +23,10 @@ def pytest_collection_modifyitems(items: Iterable[pytest.Item]) -> None:
     for item in items:
         if item.get_closest_marker("real_time"):
             item.add_marker(pytest.mark.flaky(reruns=1))
+
+
+@pytest.fixture
+def trio(tmp_path: Path) -> Path:
+    """The fleet file of `TRIO`, three agents on the wall clock."""
+    (tmp_path / "trio.toml").write_text(TRIO)
+    return tmp_path / "trio.toml"

@@ -5,7 +5,6 @@ import pytest
 
 from agentd.cli import main
 from tests.support.command_line import Answer
-from tests.support.daemons import TRIO
 
 
 @pytest.fixture
@@ -18,10 +17,3 @@ def agentd(capfd: pytest.CaptureFixture[str]) -> Callable[..., Answer]:
         return Answer(code, *capfd.readouterr())
 
     return run
-
-
-@pytest.fixture
-def trio(tmp_path: Path) -> Path:
-    """A small fleet file, `TRIO`."""
-    (tmp_path / "trio.toml").write_text(TRIO)
-    return tmp_path / "trio.toml"
