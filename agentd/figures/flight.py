@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 
 from agentd.figures.style import INK, agent_style, flies, heading
-from agentd.figures.trajectories import diamond, limits
+from agentd.figures.trajectories import limits
 from dcf_zenoh.records.run import Run
 
 _FRAMES = 150  # at most, whatever the length of the flight
@@ -41,25 +41,24 @@ def write_flight(run: Run, path: Path) -> bool:
             axes.plot(*run.targets[agent][:2], "x", color=INK, markersize=8, zorder=2)
         (trail,) = axes.plot([], [], linewidth=1.5, **style)
         (body,) = axes.plot([], [], "o", color=style["color"], markersize=7)
-        region = Polygon(
-            np.zeros((4, 2)), closed=True, facecolor=style["color"], alpha=0.15, visible=run.radii is not None
-        )
+        region = Polygon(np.zeros((1, 2)), closed=True, facecolor=style["color"], alpha=0.15, visible=False)
         axes.add_patch(region)
-        bodies.append((log.path, trail, body, region))
+        bodies.append((agent, log.path, trail, body, region))
     title = axes.set_title(f"{heading(run)}\n")
     sample_time = run.fleet.time.sample_time
-    length = max(len(path) for path, *_ in bodies)
+    length = max(len(path) for _, path, *_ in bodies)
     stride = max(1, -(-length // _FRAMES), round(1 / (_RATE * sample_time)))
     writer = PillowWriter(fps=max(1, round(1 / (stride * sample_time))))
     with writer.saving(figure, str(path), _DPI):
         instants = [*range(0, length - 1, stride), *[length - 1] * max(1, round(_LAST * writer.fps))]
         for instant in instants:
-            for way, trail, body, region in bodies:
+            for agent, way, trail, body, region in bodies:
                 here = way[: instant + 1]
                 trail.set_data(here[:, 0], here[:, 1])
                 body.set_data(here[-1:, 0], here[-1:, 1])
-                if run.radii is not None:
-                    region.set_xy(diamond(here[-1], run.radii))
+                corners = run.geometry.outline(agent, here[-1])
+                if corners is not None:
+                    region.set(xy=corners, visible=True)
             title.set_text(f"{heading(run)}\n{instant * sample_time:.1f} s")
             writer.grab_frame()
             figure.set_layout_engine("none")  # as it is in the first picture

@@ -45,14 +45,15 @@ def separation(runs: Sequence[Run]) -> Figure | None:
 
 def _distances(axes: Axes, run: Run) -> None:
     _pairs(axes, run, run.distances, " m")
-    if run.radii is not None and run.distances.size:
-        reach = float(np.prod(run.radii) / np.hypot(*run.radii))  # largest circle in the diamond
+    reach = _reach(run)
+    if reach is not None and run.distances.size:
         axes.axhspan(0, reach, color=RED, alpha=0.2, linewidth=0, label="in the safety region\nfrom any direction")
 
 
 def _barriers(axes: Axes, run: Run) -> None:
     if not run.barriers.size:
-        why = "no safety region" if run.radii is None else "no step that all agents recorded"
+        why = "no step that all agents recorded" if run.geometry.has_regions else "no safety region"
+        why = why if run.geometry.unknown is None else "safety region not known"
         axes.text(0.5, 0.5, why, transform=axes.transAxes, ha="center", color=GREY)
         return
     _pairs(axes, run, run.barriers, "")
@@ -61,6 +62,22 @@ def _barriers(axes: Axes, run: Run) -> None:
                   label="least with obstacles")  # fmt: skip
     axes.axhspan(-1, 0, color=RED, alpha=0.2, linewidth=0, label="in the safety region,\nh < 0")
     axes.axhline(0, color=RED, linewidth=1.2)
+
+
+def _reach(run: Run) -> float | None:
+    """Radius of the largest circle that is in the safety region of every agent, m; None if there is none to draw."""
+    centre = np.zeros(2)
+    outlines = [run.geometry.outline(agent, centre) for agent in run.agents]
+    circles = [_inner_radius(each) for each in outlines if each is not None]
+    return min(circles, default=None)
+
+
+def _inner_radius(corners: Array) -> float:
+    """Distance from the origin to the nearest point of a polygon with these corners, shape (corners, 2)."""
+    edges = np.roll(corners, -1, axis=0) - corners
+    lengths = np.maximum((edges**2).sum(axis=1), np.finfo(float).tiny)
+    share = np.clip(-(corners * edges).sum(axis=1) / lengths, 0.0, 1.0)
+    return float(np.linalg.norm(corners + share[:, np.newaxis] * edges, axis=1).min())
 
 
 def _pairs(axes: Axes, run: Run, values: Array, unit: str) -> None:

@@ -41,18 +41,11 @@ def trajectories(runs: Sequence[Run]) -> Figure | None:
     return figure
 
 
-def diamond(centre: Array, radii: tuple[float, float]) -> Array:
-    """Corners of |x| / r1 + |y| / r2 = 1 around `centre`, shape (4, 2), m: nobody else's position may be inside."""
-    r1, r2 = radii
-    corners: Array = centre[:2] + np.array([[r1, 0], [0, r2], [-r1, 0], [0, -r2]])
-    return corners
-
-
 def limits(run: Run) -> tuple[Array, Array]:
     """Lower left and upper right corner of all that is drawn of a run, m."""
     points = [log.path[:, :2] for log in run.agents.values() if flies(log)]
     points += [target[None, :2] for target in run.targets.values()]
-    points += [diamond(each.at, each.radii) for each in run.obstacles]
+    points += run.geometry.obstacles
     every = np.vstack(points)
     low, high = every.min(axis=0), every.max(axis=0)
     margin = max(0.08 * float(max(high - low)), 0.1)  # room for names and markers
@@ -61,9 +54,9 @@ def limits(run: Run) -> tuple[Array, Array]:
 
 def draw_paths(axes: Axes, run: Run, title: str) -> None:
     """One run: everybody's path, and what was safe at the closest approach, which is added to `title`."""
-    instant = _closest(run)
-    for obstacle in run.obstacles:
-        axes.add_patch(Polygon(diamond(obstacle.at, obstacle.radii), **_OBSTACLE, zorder=1))
+    instant, regions = _closest(run), _regions(run)
+    for corners in run.geometry.obstacles:
+        axes.add_patch(Polygon(corners, **_OBSTACLE, zorder=1))
     if run.fleet.arena is not None and len(run.fleet.arena.min) > 1:
         (left, bottom), (right, top) = run.fleet.arena.min[:2], run.fleet.arena.max[:2]
         axes.add_patch(Rectangle((left, bottom), right - left, top - bottom, **_ARENA, zorder=1))
@@ -80,8 +73,8 @@ def draw_paths(axes: Axes, run: Run, title: str) -> None:
         _name(axes, agent, path, style["color"])
         if instant is not None:
             axes.plot(*path[instant, :2], "o", color=style["color"], markersize=4.5, zorder=5)
-        if instant is not None and run.radii is not None and run.barriers.size:
-            corners = diamond(path[instant], run.radii)
+        if agent in regions:
+            corners = regions[agent]
             axes.add_patch(Polygon(corners, closed=True, facecolor=style["color"], alpha=0.08, zorder=1))
             axes.add_patch(
                 Polygon(corners, closed=True, fill=False, edgecolor=style["color"], linewidth=0.9, alpha=0.8, zorder=2)
@@ -99,6 +92,15 @@ def _closest(run: Run) -> int | None:
     """Step of the closest approach: the least barrier value, or distance where there is no safety region."""
     gaps = run.barriers if run.barriers.size else run.distances
     return int(gaps.min(axis=1).argmin()) if gaps.size else None
+
+
+def _regions(run: Run) -> dict[int, Array]:
+    """Agent -> corners of its safety region at the closest approach, shape (corners, 2), m, where they are known."""
+    instant = _closest(run)
+    if instant is None:
+        return {}
+    found = {i: run.geometry.outline(i, log.path[instant]) for i, log in run.agents.items() if flies(log)}
+    return {i: corners for i, corners in found.items() if corners is not None}
 
 
 def _least(run: Run, instant: int) -> tuple[str, float, str]:
@@ -125,9 +127,9 @@ def paths_key(runs: Sequence[Run]) -> list[Line2D | Patch]:
         Line2D([], [], color=GREY, marker="o", markersize=11, markerfacecolor="none", linestyle="", label="end"),
         Line2D([], [], color=INK, marker="x", markersize=7, linestyle="", label="target"),
     ]
-    if any(run.barriers.size for run in runs):
+    if any(map(_regions, runs)):
         key.append(Patch(facecolor="#eeeeee", edgecolor=GREY, label="safety region, closest instant"))
-    if any(run.obstacles for run in runs):
+    if any(run.geometry.obstacles for run in runs):
         key.append(Patch(**_OBSTACLE, label="obstacle"))
     if any(run.fleet.arena is not None for run in runs):
         key.append(Patch(**_ARENA, label="arena"))

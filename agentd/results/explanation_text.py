@@ -32,6 +32,8 @@ def why_lines(run: Run, found: Explanation) -> Iterator[str]:
     if found.quantity == "barrier":
         kept = "kept" if found.value >= 0 else "violated: each was in the other's safety region"
         yield f"The barrier h >= 0 was {kept}."
+    elif run.geometry.unknown is not None:
+        yield f"Safety regions were left out: {run.geometry.unknown}."
     if not found.before:
         yield "The run begins there: no decision led to it."
         return

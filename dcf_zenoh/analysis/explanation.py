@@ -261,12 +261,14 @@ def _values(run: Run) -> Array:
 
 def _value(run: Run, again: Replay, pair: tuple[int, int]) -> float:
     """The pair's barrier or distance at the end of a replay."""
-    i, j = (again.states[agent][: len(again.states[agent]) // 2] for agent in pair)
-    if run.barriers.size and run.radii is not None:
-        gap = abs(i[:2] - j[:2])
-        return float(gap[0] / run.radii[0] + gap[1] / run.radii[1] - 1)  # Memon et al., eq. (6)
     d = run.positions.shape[2]
-    return float(np.linalg.norm(i[:d] - j[:d]))
+    i, j = (again.states[agent][: len(again.states[agent]) // 2][:d] for agent in pair)
+    if not run.barriers.size:
+        return float(np.linalg.norm(i - j))
+    value = run.geometry.separation(pair, i, j)
+    if value is None:
+        raise RecordingError(f"{run.name}: {run.geometry.unknown}")
+    return float(value)
 
 
 def _path(graph: Graph, source: int, target: int) -> tuple[int, ...]:

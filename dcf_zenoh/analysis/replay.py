@@ -62,7 +62,7 @@ def replay(run: Run, first: int, end: int) -> Replay:
     Raises:
         DcfError: The fleet file or a plug-in cannot be loaded, or something stopped an agent.
     """
-    fleet = LoadedFleet(run.fleet, Path(), run.name) if run.folder is None else load(run.folder / "fleet.toml")
+    fleet = LoadedFleet(run.fleet, run.home, run.name) if run.folder is None else load(run.folder / "fleet.toml")
     free = tuple(i for i in fleet.spec.ids if not _resumable(fleet, i))
     steps = range(max(0, first - 1), end)
     bodies = {

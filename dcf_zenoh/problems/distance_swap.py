@@ -113,6 +113,14 @@ class DistanceSwap:
                 found[j] = f"agent {j} would start in the safety region of agent {i}: e = {e:.3g}, expected at least 0"
         return found
 
+    def separation(self, own: Array, other: Array) -> Array:
+        """Return the barrier value h of `PositionSwap`, shape (...), so that runs of both compare; it is at least e."""
+        return self._swap.separation(own, other)
+
+    def outline(self, position: Array) -> Array:
+        """Return the corners of the diamond in the ellipse around an agent at `position`, shape (4, 2), m."""
+        return self._swap.outline(position)
+
     def at(self, states: Mapping[int, Array]) -> "DistanceGame":
         """The game of one control step, given agent -> [position, velocity], shape (2 d,) with d 2 or 3, of all."""
         return DistanceGame(self._swap, {agent: planar(state) for agent, state in states.items()})

@@ -1,7 +1,7 @@
 """Agents change places in the plane, each predicting its own motion, none closer to another than a diamond."""
 
 import copy
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from itertools import combinations
 from types import MappingProxyType
 from typing import Any
@@ -11,7 +11,8 @@ import numpy as np
 from dcf_zenoh.plant import Array, Setpoint, State, read_only
 from dcf_zenoh.problems.problem import CoupledGame
 from dcf_zenoh.problems.share import Share
-from dcf_zenoh.problems.shared.diamond import SAME_COORDINATE, Obstacle, barrier, side
+from dcf_zenoh.problems.shared.deadlock import straight_across
+from dcf_zenoh.problems.shared.diamond import SAME_COORDINATE, Obstacle, barrier, outline, side
 from dcf_zenoh.problems.shared.prediction import Prediction, state_ahead
 from dcf_zenoh.spec import NonNegativeFloat
 
@@ -140,16 +141,42 @@ class PositionSwap:
         (r1, r2), least = self.radii, self.barrier_margin
         for i, j in combinations(sorted(starts), 2):
             apart = abs(starts[i][:2] - starts[j][:2])
-            if (h := barrier(apart, self.radii)) < least - SAME_COORDINATE:
+            if (h := float(barrier(apart, self.radii))) < least - SAME_COORDINATE:
                 found[j] = (
                     f"agent {j} would start in the safety region of agent {i}: h = {h:.3g}, expected at least {least:g}"
                     f" (they are {apart[0]:.3g} m apart in x and {apart[1]:.3g} m in y; radii {r1:g} m and {r2:g} m)"
                 )
         for i, start in starts.items():
             for number, obstacle in enumerate(self.obstacles, 1):
-                if (h := obstacle.barrier(start)) < least - SAME_COORDINATE:
+                if (h := float(obstacle.barrier(start))) < least - SAME_COORDINATE:
                     found[i] = f"agent {i} would start in obstacle {number}: h = {h:.3g}, expected at least {least:g}"
         return found
+
+    def separation(self, own: Array, other: Array) -> Array:
+        """Return the barrier value h of pairs of positions, shape (...), at positions of shape (..., d), m."""
+        return barrier(own[..., :2] - other[..., :2], self.radii)
+
+    def outline(self, position: Array) -> Array:
+        """Return the corners of the diamond around an agent at `position`, shape (4, 2), m."""
+        return outline(position[:2], self.radii)
+
+    def clearances(self, position: Array) -> Array:
+        """Return the barrier value h with each obstacle, shape (..., obstacles), at positions of shape (..., d), m."""
+        found = np.empty((*position.shape[:-1], len(self.obstacles)))
+        for number, obstacle in enumerate(self.obstacles):
+            found[..., number] = obstacle.barrier(position)
+        return found
+
+    def obstacle_outlines(self) -> Sequence[Array]:
+        """Return the corners of each obstacle, each of shape (4, 2), m."""
+        return [obstacle.outline() for obstacle in self.obstacles]
+
+    def deadlock(self, starts: Mapping[int, Array], targets: Mapping[int, Array]) -> str | None:
+        """Return a note if all agents go straight across one circle, in a way that is known to end in a deadlock."""
+        ways = [(starts[i][:2], targets[i][:2]) for i in starts if min(len(starts[i]), len(targets[i])) > 1]
+        if len(ways) == len(starts) and straight_across(*np.array(ways, dtype=float).swapaxes(0, 1)):
+            return "all go straight across one circle, which is known to end in a deadlock"
+        return None
 
     def toward(self, target: Array) -> "PositionSwap":
         """The same problem with another target, shape (2,), in m."""

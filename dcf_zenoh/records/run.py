@@ -5,7 +5,7 @@ import json
 import logging
 import struct
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
@@ -16,9 +16,9 @@ import numpy as np
 import numpy.typing as npt
 
 from dcf_zenoh.config import load
+from dcf_zenoh.configuration.building.geometry import FleetGeometry
 from dcf_zenoh.errors import RecordingError
 from dcf_zenoh.plant import Array, read_only
-from dcf_zenoh.problems.shared.diamond import Obstacle
 from dcf_zenoh.records.agent_log import AgentLog, has_log
 from dcf_zenoh.records.writer import log_name
 from dcf_zenoh.spec import FleetSpec
@@ -36,6 +36,7 @@ class Run:
         agents: Id -> log, ascending.
         folder: The run directory; None for a run that was only kept in memory.
         home: What the paths in the fleet are relative to.
+        run_plugins: Whether the code of plug-ins that are not part of dcf-zenoh may be run, to learn the `geometry`.
     """
 
     name: str
@@ -43,10 +44,15 @@ class Run:
     agents: Mapping[int, AgentLog]
     folder: Path | None = None
     home: Path = Path()
+    run_plugins: bool = True
 
     @classmethod
-    def read(cls, folder: str | Path) -> "Run":
-        """Read a run directory.
+    def read(cls, folder: str | Path, *, run_plugins: bool = True) -> "Run":
+        """Read a run directory. No plug-in is run before the `geometry` is asked for.
+
+        Args:
+            folder: The directory.
+            run_plugins: Whether its copies of plug-ins may be run then.
 
         Raises:
             RecordingError: It is none, or holds no log at all.
@@ -76,7 +82,7 @@ class Run:
                 log.warning("%s; what follows is left out", each.damage)
         if not logs:
             raise RecordingError("; ".join(problems))
-        return cls(folder.resolve().name, fleet, logs, folder, folder)
+        return cls(folder.resolve().name, fleet, logs, folder, folder, run_plugins)
 
     @property
     def about(self) -> Mapping[str, Any]:
@@ -113,40 +119,34 @@ class Run:
         return np.stack(gaps, axis=1) if gaps else np.empty((self.steps, 0))
 
     @cached_property
+    def geometry(self) -> FleetGeometry:
+        """Safety regions and obstacles, by the problems of the agents."""
+        return FleetGeometry.of(self.fleet, self.home, run_plugins=self.run_plugins)
+
+    @cached_property
     def barriers(self) -> Array:
-        """Barrier value h = |dx| / r1 + |dy| / r2 - 1 of every pair, shape (K, pairs); no columns without radii.
-
-        Source: Memon et al., eq. (6).
-        """
-        radii = self.radii
-        if radii is None or not self.positions.size:
+        """Barrier value h of every pair, pairs in order of ids, shape (K, pairs); no columns without safety regions."""
+        if not self.positions.size:
             return np.empty((self.steps, 0))
-        pairs = list(combinations(range(len(self.agents)), 2))
-        apart = [abs(self.positions[:, i, :2] - self.positions[:, j, :2]) for i, j in pairs]
-        values = [gap[:, 0] / radii[0] + gap[:, 1] / radii[1] - 1 for gap in apart]
-        return np.stack(values, axis=1) if values else np.empty((self.steps, 0))
-
-    @cached_property
-    def radii(self) -> tuple[float, float] | None:
-        """Half axes of the diamond-shaped safety region, m, if the problem has them."""
-        radii = self.fleet.problem.options.get("radii")
-        return None if radii is None else (float(radii[0]), float(radii[1]))
-
-    @cached_property
-    def obstacles(self) -> tuple[Obstacle, ...]:
-        """What stands in the agents' way, if the problem has it."""
-        return tuple(map(Obstacle.of, self.fleet.problem.options.get("obstacles") or ()))
+        places = dict(zip(self.agents, self.positions.swapaxes(0, 1), strict=True))
+        values = [self.geometry.separation((i, j), places[i], places[j]) for i, j in combinations(places, 2)]
+        return _columns(self.steps, values) if all(each is not None for each in values) else np.empty((self.steps, 0))
 
     @cached_property
     def clearances(self) -> Array:
-        """Barrier value h of every agent with every obstacle, shape (K, N obstacles); no columns without obstacles."""
+        """Barrier value h of every agent with every obstacle, shape (K, N obstacles); no columns without obstacles.
+
+        The columns are ordered by obstacle, then by agent.
+        """
         if not self.positions.size:
             return np.empty((self.steps, 0))
         values = [
-            abs(self.positions[:, :, :2] - obstacle.at) @ (1 / np.array(obstacle.radii)) - 1
-            for obstacle in self.obstacles
+            self.geometry.clearances(i, path)
+            for i, path in zip(self.agents, self.positions.swapaxes(0, 1), strict=True)
         ]
-        return np.concatenate(values, axis=1) if values else np.empty((self.steps, 0))
+        found = [each for each in values if each is not None]
+        most = max((each.shape[1] for each in found), default=0)
+        return _columns(self.steps, [each[:, m] for m in range(most) for each in found if m < each.shape[1]])
 
     @cached_property
     def targets(self) -> Mapping[int, Array]:
@@ -249,6 +249,12 @@ class Run:
             "notes": dict(sorted(notes.items())),
             "digest": self.digest,
         }
+
+
+def _columns(rows: int, columns: Sequence[Array | None]) -> Array:
+    """Return a table of `columns`, each of shape (rows,), without those that are None."""
+    known = [each for each in columns if each is not None]
+    return np.stack(known, axis=1) if known else np.empty((rows, 0))
 
 
 def _last_step(log: AgentLog) -> str:

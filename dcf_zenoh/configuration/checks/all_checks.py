@@ -54,7 +54,7 @@ def check(
         graph = _check_graph(spec, folder, problems)
     check_values(spec, folder, problems, run_plugins=run_plugins)
     if not problems:
-        check_layout(spec, notes)
+        check_layout(spec, shelf)
     check_needs(spec, folder, graph, problems, run_plugins=run_plugins)
     check_timeout(spec, problems, losers=[*check_links(spec, graph, shelf), *check_agents(spec, problems, notes)])
 

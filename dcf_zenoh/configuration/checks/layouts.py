@@ -1,39 +1,33 @@
-"""Layouts that are known to end in a deadlock: everybody stands still in somebody's way."""
+"""Layouts that are known to end in a deadlock, by what the problem knows of them."""
 
-import numpy as np
-
-from dcf_zenoh.plant import Array
+from dcf_zenoh.configuration.building.problem_and_plant import problem_of
+from dcf_zenoh.configuration.checks.plugin_lookup import PluginLookup
+from dcf_zenoh.plant import read_only
+from dcf_zenoh.plugins import accepted
+from dcf_zenoh.problems.geometry import DeadlockLayout
 from dcf_zenoh.spec import FleetSpec
 
-_ALIKE = 0.05  # of the radius; how nearly a circle, and straight across it
-_TURNED = (0.12, 0.55)  # rad from an axis; a square in between gets stuck, others do not (docs/algorithms.md)
+DETOUR = "detour"  # the key of a controller that leads agents out of a deadlock
 
 
-def check_layout(spec: FleetSpec, notes: list[str]) -> None:
-    """Note a position swap without detours that is known to get stuck: everybody straight across a circle."""
+def check_layout(spec: FleetSpec, lookup: PluginLookup) -> None:
+    """Note a layout that the problem knows to end in a deadlock, unless the controller makes detours.
+
+    Args:
+        spec: A fleet in which nothing is wrong.
+        lookup: Where its plug-ins are; takes the note.
+    """
     controller = spec.controller_kind
-    if (
-        spec.problem.kind != "position_swap"
-        or controller.kind != "receding_horizon"
-        or controller.options.get("detour")
-    ):
+    if controller.options.get(DETOUR) or not isinstance(lookup.plugin("problems", spec.problem.kind), DeadlockLayout):
         return
-    ways = [(own.start, spec.agent(i).problem.options.get("target")) for i, own in spec.agents.items()]
-    known = [(start[:2], target[:2]) for start, target in ways if start and target and min(len(start), len(target)) > 1]
-    if len(known) == len(ways) >= 4 and _gets_stuck(*np.array(known, dtype=float).swapaxes(0, 1)):
-        notes.append(
-            "agents: all go straight across one circle, which is known to end in a deadlock; controller.detour = true"
-            " leads out of it"
-        )
-
-
-def _gets_stuck(starts: Array, targets: Array) -> bool:
-    """Whether agents at `starts` are known not to reach `targets`, both of shape (N, 2), m."""
-    arms = starts - starts.mean(axis=0)
-    radius = float(np.linalg.norm(arms, axis=1).mean())
-    across = targets - (starts.mean(axis=0) - arms)
-    uneven = abs(np.linalg.norm(arms, axis=1) - radius)
-    if max(uneven.max(), np.linalg.norm(across, axis=1).max()) > _ALIKE * radius:
-        return False
-    turned = np.arctan2(arms[0, 1], arms[0, 0]) % (np.pi / 2)
-    return len(starts) > 4 or _TURNED[0] <= min(turned, np.pi / 2 - turned) <= _TURNED[1]
+    starts = {i: read_only(own.start) for i, own in spec.agents.items() if own.start}
+    given = {i: spec.agent(i).problem.options.get("target") for i in spec.ids}
+    targets = {i: read_only(target) for i, target in given.items() if target}
+    if not len(starts) == len(targets) == len(spec.ids):
+        return
+    problem = problem_of(spec, lookup.folder, spec.ids[0])
+    if text := problem.deadlock(starts, targets):
+        kind = lookup.plugin("controllers", controller.kind)
+        detours = kind is not None and any(each.name == DETOUR for each in accepted(kind).parameters)
+        remedy = f"; controller.{DETOUR} = true leads out of it" if detours and hasattr(problem, "toward") else ""
+        lookup.notes.append(f"agents: {text}{remedy}")

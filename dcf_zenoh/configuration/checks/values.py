@@ -10,6 +10,7 @@ from dcf_zenoh.diagnostics import Diagnostics
 from dcf_zenoh.errors import PluginError
 from dcf_zenoh.plant import read_only
 from dcf_zenoh.plugins import is_built_in, load
+from dcf_zenoh.problems.geometry import DeadlockLayout
 from dcf_zenoh.problems.problem import Problem
 from dcf_zenoh.spec import FleetSpec
 
@@ -19,9 +20,9 @@ SIZES = {"size": "components of a decision", "rows": "shared constraints"}  # wh
 def check_values(spec: FleetSpec, folder: Path, problems: Diagnostics, *, run_plugins: bool) -> None:
     """Make the body and the problem of every agent, and note what they refuse.
 
-    Made are built-in kinds, and problems of others that have a method ``check_starts``. It gets agent -> start, of all
-    agents, and returns agent -> what is wrong with its start beside the others'; the problem of one agent is asked for
-    all. Where something is wrong already, nothing is made.
+    Made are built-in kinds, and problems of others that have a method ``check_starts`` or are asked for deadlocks.
+    ``check_starts`` gets agent -> start, of all agents, and returns agent -> what is wrong with its start, given the
+    others'; the problem of one agent is asked for all. Where something is wrong already, nothing is made.
 
     Args:
         spec: A fleet.
@@ -52,7 +53,10 @@ def check_values(spec: FleetSpec, folder: Path, problems: Diagnostics, *, run_pl
 
 def _may_be_made(spec: FleetSpec, folder: Path, *, run_plugins: bool) -> bool:
     kind = spec.problem.kind
-    return is_built_in("problems", kind) or (run_plugins and hasattr(load("problems", kind, folder), STARTS))
+    if is_built_in("problems", kind) or not run_plugins:
+        return is_built_in("problems", kind)
+    plugin = load("problems", kind, folder)
+    return hasattr(plugin, STARTS) or isinstance(plugin, DeadlockLayout)
 
 
 def _refusals(agents: Sequence[int], make: Callable[[int], object]) -> dict[int, str]:

@@ -15,7 +15,6 @@ from rich.console import Console
 import dcf_zenoh
 from agentd.figures import FIGURES
 from agentd.figures.convergence import residuals
-from agentd.figures.trajectories import diamond
 from agentd.results.report import write_report
 from agentd.results.summary import summary_table
 from dcf_zenoh import Run
@@ -155,12 +154,6 @@ def test_safety_regions_are_drawn_around_the_positions_of_the_closest_instant(sw
     outlines = [patch for patch in axes.patches if isinstance(patch, Polygon) and not patch.get_fill()]
     centres = [outline.get_xy()[:4].mean(axis=0) for outline in outlines]
     np.testing.assert_allclose(centres, swap.positions[instant], atol=1e-12)
-
-
-def test_corners_of_the_diamond_satisfy_its_equation() -> None:
-    centre = np.array([0.3, -0.2])
-    apart = abs(diamond(centre, (0.5, 0.25)) - centre)
-    np.testing.assert_allclose(apart[:, 0] / 0.5 + apart[:, 1] / 0.25, 1.0, rtol=1e-14)
 
 
 def test_runs_side_by_side_have_a_panel_each(swap: Run) -> None:

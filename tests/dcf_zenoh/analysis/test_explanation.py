@@ -11,6 +11,7 @@ from dcf_zenoh.errors import RecordingError
 from dcf_zenoh.spec import FaultRule
 from tests.support.faulty_runs import named
 from tests.support.lossy_fleets import lossy
+from tests.support.own_region import fly
 
 
 @pytest.fixture(scope="module")
@@ -117,10 +118,8 @@ def test_without_plants_there_is_nothing_to_explain() -> None:
 
 
 def test_without_a_safety_region_the_distance_is_explained(tmp_path: Path) -> None:
-    run = named(tmp_path, "")
-    options = {key: value for key, value in run.fleet.problem.options.items() if key != "radii"}
-    bare = run.fleet.model_copy(update={"problem": type(run.fleet.problem)(kind=run.fleet.problem.kind, **options)})
-    found = explain(replace(run, fleet=bare))
+    run = fly(tmp_path, "Straight")
+    found = explain(run)
     assert found.quantity == "distance"
     assert found.value == run.distances.min()
     assert found.alternatives[0].value == pytest.approx(found.value, abs=5e-3)

@@ -8,16 +8,21 @@ import pytest
 import dcf_zenoh
 from dcf_zenoh.config import load
 from dcf_zenoh.errors import ConfigurationError
+from dcf_zenoh.problems.shared.diamond import Obstacle
 from dcf_zenoh.records.run import Run
 
 AROUND = "position_swap_obstacles"
+
+
+def obstacles_of(run: Run) -> list[Obstacle]:
+    return [Obstacle.of(numbers) for numbers in run.fleet.problem.options["obstacles"]]
 
 
 def cuts(run: Run) -> bool:
     """Whether any agent's straight way leads through an obstacle."""
     share = np.linspace(0, 1, 101)[:, None]
     ways = [np.array(own.start) * (1 - share) + np.array(own.target) * share for own in run.fleet.agents.values()]
-    return any(obstacle.barrier(place) < 0 for way in ways for place in way for obstacle in run.obstacles)
+    return any(obstacle.barrier(place) < 0 for way in ways for place in way for obstacle in obstacles_of(run))
 
 
 @pytest.mark.parametrize(
@@ -44,14 +49,14 @@ def test_an_obstacle_beside_the_way_keeps_them_out_where_they_would_fly_through_
     assert around.arrival_time is not None
     assert 0.02 - 1e-3 <= around.clearances.min() <= 0.1
     free = dcf_zenoh.simulate(AROUND, changes=[*beside, "problem.obstacles=[]"])
-    assert min(each.barrier(place) for each in around.obstacles for step in free.positions for place in step) < 0
+    assert min(each.barrier(place) for each in obstacles_of(around) for step in free.positions for place in step) < 0
     assert free.summary()["min_clearance"] is None
 
 
 def test_clearance_is_the_barrier_value_of_every_agent_with_every_obstacle() -> None:
     run = dcf_zenoh.simulate(AROUND, changes=["time.duration=1.0"])
     for step in range(run.steps):
-        expected = [obstacle.barrier(place) for obstacle in run.obstacles for place in run.positions[step]]
+        expected = [obstacle.barrier(place) for obstacle in obstacles_of(run) for place in run.positions[step]]
         np.testing.assert_allclose(run.clearances[step], expected, atol=1e-12)
 
 
