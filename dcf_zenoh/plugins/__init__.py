@@ -5,6 +5,7 @@ A kind is the name of a built-in or installed entry point (group ``dcf_zenoh.<gr
 but not the files beside it.
 """
 
+from dcf_zenoh.plugins.bare_value import BARE, first_key, spelled_out
 from dcf_zenoh.plugins.calling import (
     CONTEXT,
     GROUPS,
@@ -20,6 +21,7 @@ from dcf_zenoh.plugins.plugin_file import peek, split
 from dcf_zenoh.plugins.schema import REQUIRED, Parameter, Schema, accepted
 
 __all__ = [
+    "BARE",
     "CONTEXT",
     "GROUPS",
     "REQUIRED",
@@ -33,10 +35,12 @@ __all__ = [
     "check_positional",
     "check_signature",
     "create",
+    "first_key",
     "is_built_in",
     "known",
     "load",
     "peek",
     "positional",
+    "spelled_out",
     "split",
 ]

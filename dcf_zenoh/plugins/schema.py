@@ -58,11 +58,6 @@ class Schema:
     make: Callable[..., Any] | None = None
 
     @property
-    def first(self) -> str:
-        """The key that a bare value in place of a table is for; ``value`` if there are no keys."""
-        return self.parameters[0].name if self.parameters else "value"
-
-    @property
     def defaults(self) -> dict[str, Any]:
         """Key -> default, of the keys that have one."""
         return {each.name: each.default for each in self.parameters if each.default is not REQUIRED}

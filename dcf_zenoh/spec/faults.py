@@ -1,6 +1,6 @@
 """What shall go wrong: faults of links and of agents, in the shape of the fleet file."""
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from pydantic import ConfigDict, Field
 
@@ -8,9 +8,7 @@ from dcf_zenoh.spec.table import AgentId, Kind, NonNegativeFloat, PositiveFloat,
 
 
 class FaultTable(Kind):
-    """One fault: `kind` and its keys. In a fleet file a bare `value` stands for the kind's first key."""
-
-    value: Any = Field(default=None, description="short for the first key of the kind, where that cannot be told yet")
+    """One fault: `kind` and its keys."""
 
 
 Switch = FaultTable | Literal[False]

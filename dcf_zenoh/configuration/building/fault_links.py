@@ -10,8 +10,8 @@ from dcf_zenoh.errors import PluginError
 from dcf_zenoh.faults.chain import ALWAYS, FaultChain, Layer
 from dcf_zenoh.faults.fault import Fault, FaultLink, Stage
 from dcf_zenoh.graph import Graph
-from dcf_zenoh.plugins import Plugin, accepted, check_options, check_signature, load, positional
-from dcf_zenoh.plugins.schema import Schema, name_of
+from dcf_zenoh.plugins import Plugin, check_options, check_signature, load, positional, spelled_out
+from dcf_zenoh.plugins.schema import name_of
 from dcf_zenoh.spec import FaultRule, FaultTable, FleetSpec, Switch, nanoseconds
 
 MARGIN_WITH_LOSS = 3  # rounds
@@ -47,19 +47,22 @@ def links_to(spec: FleetSpec, folder: Path, graph: Graph, receiver: int) -> dict
 
 
 def fault_of(name: str, fault: Switch, sender: int, receiver: int, folder: Path) -> Fault | None:
-    """One fault for one link, such as is added to a link of a fleet that runs; None: switched off.
+    """Return one fault for one link, to be added to a link of a running fleet; None if it is switched off.
 
     Args:
-        name: Of the fault, for messages.
-        fault: Its table; a bare `value` is that of the first key.
-        sender: Id.
-        receiver: Id.
+        name: Name of the fault, for messages.
+        fault: Its table, in which a bare `value` stands for the first key, as in a fleet file.
+        sender: Id of the sending agent.
+        receiver: Id of the receiving agent.
         folder: What the paths of plug-ins and files are relative to.
 
     Raises:
         PluginError: It cannot be loaded, or refuses its options.
     """
-    return Recipe.of(name, fault, folder).make(sender, receiver) if fault else None
+    if not fault:
+        return None
+    table = spelled_out("faults", fault.model_dump(), folder, run=True)
+    return Recipe.of(name, FaultTable.model_validate(table), folder).make(sender, receiver)
 
 
 def window_of(rule: FaultRule) -> tuple[float, float]:
@@ -109,11 +112,6 @@ def margin_of(spec: FleetSpec, folder: Path) -> int:
     return MARGIN_WITH_LOSS if times_out or can_lose(spec, folder) else 0
 
 
-def options_of(table: FaultTable, schema: Schema) -> dict[str, Any]:
-    """The keys of a fault, a bare value under the first."""
-    return table.options if table.value is None else {schema.first: table.value, **table.options}
-
-
 @dataclass(frozen=True)
 class Recipe:
     """A fault of a fleet file, to be made for any number of links.
@@ -140,7 +138,7 @@ class Recipe:
             PluginError: It cannot be loaded, or the keys do not fit.
         """
         plugin = load("faults", table.kind, folder)
-        values, problems = check_options(plugin, options_of(table, accepted(plugin)), name)
+        values, problems = check_options(plugin, table.options, name)
         problems += [f"{name}: {text}" for text in check_signature("faults", plugin)]
         if problems:
             raise PluginError(problems)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from dcf_zenoh.configuration.building.fault_links import Recipe, options_of
+from dcf_zenoh.configuration.building.fault_links import Recipe
 from dcf_zenoh.configuration.checks.absences import GO_ON, check_window
 from dcf_zenoh.configuration.checks.plugin_lookup import PluginLookup
 from dcf_zenoh.configuration.checks.times import LONGEST
@@ -105,14 +105,13 @@ def _check_fault(spec: FleetSpec, key: str, fault: Switch, links: Pairs, shelf: 
     """Check one table; the plug-in if it could be loaded."""
     if not fault or (schema := shelf.schema("faults", fault.kind, key)) is None:
         return None
-    options = options_of(fault, schema)
-    shelf.compare(schema, options, lambda option: f"{key}.{option}")
-    shelf.add_all(schema.missing(options), lambda option: f"{key}.{option}")
+    shelf.compare(schema, fault.options, lambda option: f"{key}.{option}")
+    shelf.add_all(schema.missing(fault.options), lambda option: f"{key}.{option}")
     if not (shelf.run or is_built_in("faults", fault.kind)):
         return None
     plugin = load("faults", fault.kind, shelf.folder)
     if not shelf.problems.within(key):
-        _check_named(spec, key, plugin, options, shelf)
+        _check_named(spec, key, plugin, fault.options, shelf)
     if not shelf.problems.within(key):
         _check_made(key, fault, schema, links, shelf)
     return plugin

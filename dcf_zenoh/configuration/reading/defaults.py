@@ -4,7 +4,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from dcf_zenoh.configuration.building.fault_links import options_of
 from dcf_zenoh.plugins import REQUIRED, Schema, accepted, is_built_in, load
 from dcf_zenoh.spec import FaultRule, Faults, FaultTable, FleetSpec, Kind
 
@@ -32,7 +31,7 @@ def with_defaults(spec: FleetSpec, folder: Path, *, run_plugins: bool) -> FleetS
         if not (run_plugins or is_built_in("faults", fault.kind)):
             return fault
         schema = accepted(load("faults", fault.kind, folder))
-        options = _completed(schema, options_of(fault, schema))
+        options = _completed(schema, fault.options)
         return FaultTable(
             kind=fault.kind, **{each.name: options[each.name] for each in schema.parameters if each.name in options}
         )

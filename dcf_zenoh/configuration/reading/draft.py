@@ -7,7 +7,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from dcf_zenoh.configuration.reading.fault_shorthand import Spelling, is_fault, list_rules, number_rules
+from dcf_zenoh.configuration.reading.fault_shorthand import FaultShorthand, is_fault, list_rules, number_rules
 from dcf_zenoh.configuration.reading.overrides import Overrides, path_of, value_of, with_plain_id
 from dcf_zenoh.diagnostics import Diagnostics, listed, nearest, show
 from dcf_zenoh.errors import ConfigurationError
@@ -58,7 +58,7 @@ def read(source: str | Path, *, run_plugins: bool = True) -> "Draft":
     draft = Draft(table, path.absolute().parent, str(path), run_plugins)
     draft.check_ids()
     number_rules(table, draft.problems)
-    draft.spelling.spell_out(table)
+    draft.shorthand.spell_out_all(table)
     return draft
 
 
@@ -128,8 +128,8 @@ class Draft:
         table[path[-1]] = value
         if path[0] == "faults":
             number_rules(self.table, self.problems)
-            self.spelling.spell_out(self.table)
-            for fault, key in self.spelling.files(self.table, path):
+            self.shorthand.spell_out_all(self.table)
+            for fault, key in self.shorthand.files(self.table, path):
                 fault[key] = self._file_from_here(fault[key])
 
     def choose_plant(self, name: str) -> None:
@@ -174,7 +174,7 @@ class Draft:
             flies = "plant" in self.table or any("plant" in own for own in self._tables("agents").values())
             controller.setdefault("kind", default_controller(has_plants=flies))
         self.check_ids()
-        self.spelling.check(self.table, self.problems)
+        self.shorthand.check(self.table, self.problems)
         list_rules(self.table, self.problems)
 
     def check_ids(self) -> None:
@@ -193,9 +193,9 @@ class Draft:
                 agents[plain] = agents.pop(key)
 
     @property
-    def spelling(self) -> Spelling:
-        """How faults are spelled out."""
-        return Spelling(self.folder, self.run_plugins)
+    def shorthand(self) -> FaultShorthand:
+        """Reader of faults that are written short."""
+        return FaultShorthand(self.folder, self.run_plugins)
 
     def _drop_options(self, path: Sequence[str], table: dict[str, Any], new: str) -> None:
         named = len(path) == 2 or is_fault(path)

@@ -7,7 +7,7 @@ from typing import Any
 
 from dcf_zenoh.diagnostics import Diagnostics, expected, show
 from dcf_zenoh.errors import PluginError
-from dcf_zenoh.plugins import accepted, is_built_in, load, peek, split
+from dcf_zenoh.plugins import BARE, first_key, is_built_in, load, spelled_out
 from dcf_zenoh.spec import FaultRule, Faults
 
 RULE_KEYS = tuple(field.alias or name for name, field in FaultRule.model_fields.items())
@@ -52,7 +52,7 @@ def list_rules(table: dict[str, Any], problems: Diagnostics) -> None:
 
 
 def _entries(table: dict[str, Any]) -> Iterator[tuple[tuple[str, ...], dict[str, Any]]]:
-    """The path of each fault, and the table that it is in."""
+    """Yield the path of each fault, and the table that it is in."""
     faults = table.get("faults")
     if not isinstance(faults, dict):
         return
@@ -64,43 +64,33 @@ def _entries(table: dict[str, Any]) -> Iterator[tuple[tuple[str, ...], dict[str,
 
 
 @dataclass(frozen=True)
-class Spelling:
-    """How faults are spelled out.
+class FaultShorthand:
+    """Reads faults that are written short.
 
     Attributes:
         folder: What the paths of plug-ins are relative to.
-        run: Import the plug-ins of others; without it they are looked at only.
+        run: Import plug-ins that are not part of dcf-zenoh, to find their first keys. Without it only their text is
+            read.
     """
 
     folder: Path
     run: bool
 
-    def of(self, table: dict[str, Any], name: str, fault: Any) -> Any:
-        """A fault as a table with its kind, a bare value under the kind's first key. ``false`` stays.
+    def spell_out_all(self, table: dict[str, Any]) -> None:
+        """Replace each fault of a fleet file by its table, with kind and first key; ``false`` stays.
 
-        What does not say its kind has that of [faults.NAME], or NAME itself. A table that has both a bare value and
-        the first key stays as it is, and so does one whose kind is no string.
-
-        Args:
-            table: The fleet file.
-            name: Of the fault.
-            fault: As it stands in the file.
+        A fault without a kind has that of [faults.NAME], or NAME itself.
         """
-        if fault is False:
-            return False
-        everywhere = table["faults"].get(name)
-        usual = everywhere.get("kind", name) if isinstance(everywhere, dict) else name
-        full = {"kind": usual, **(fault if isinstance(fault, dict) else {"value": fault})}
-        first = self._first(full["kind"]) if "value" in full else "value"
-        return full if first in full else {first if key == "value" else key: each for key, each in full.items()}
-
-    def spell_out(self, table: dict[str, Any]) -> None:
-        """Spell out all faults of a fleet file."""
         for path, owner in _entries(table):
-            owner[path[-1]] = self.of(table, path[-1], owner[path[-1]])
+            name, fault = path[-1], owner[path[-1]]
+            if fault is not False:
+                everywhere = table["faults"].get(name)
+                usual = everywhere.get("kind", name) if isinstance(everywhere, dict) else name
+                full = {"kind": usual, **(fault if isinstance(fault, dict) else {BARE: fault})}
+                owner[name] = spelled_out("faults", full, self.folder, run=self.run)
 
     def check(self, table: dict[str, Any], problems: Diagnostics) -> None:
-        """Take out what is no fault. All of them are spelled out."""
+        """Remove entries that are no faults, and add them to `problems`. All faults are spelled out."""
         for path, owner in _entries(table):
             key, name, fault = ".".join(path), path[-1], owner[path[-1]]
             if len(path) == 2 and name in RULE_KEYS:
@@ -109,14 +99,16 @@ class Spelling:
             elif fault and not isinstance(fault["kind"], str):
                 problems.add(f"{key}.kind", f"expected a string, not {show(fault['kind'])}")
                 del owner[name]
-            elif fault and "value" in fault and (first := self._first(fault["kind"])) != "value":
-                problems.add(f"{key}.value", f"given twice: also as {key}.{first}")
-                del fault["value"]
+            elif fault and BARE in fault:
+                first = first_key("faults", fault["kind"], self.folder, run=self.run)
+                if first != BARE:
+                    problems.add(f"{key}.{BARE}", f"given twice: also as {key}.{first}")
+                    del fault[BARE]
 
     def files(self, table: dict[str, Any], changed: Sequence[str]) -> Iterator[tuple[dict[str, Any], str]]:
-        """The faults in, at or above the path that was changed, with their keys there that name files.
+        """Yield the faults in, at or above the path that was changed, with their keys there that name files.
 
-        All of them are spelled out.
+        All faults are spelled out.
         """
         for path, owner in _entries(table):
             both = min(len(path), len(changed))
@@ -127,22 +119,11 @@ class Spelling:
                 if isinstance(fault.get(key), str) and changed[len(path) :] in ((), (key,)):
                     yield fault, key
 
-    def _first(self, kind: Any) -> str:
-        """The first key of a kind; ``value`` where it cannot be told."""
-        try:
-            if self._may_load(kind):
-                return accepted(load("faults", kind, self.folder)).first
-            schema = peek(kind, self.folder) if isinstance(kind, str) and split(kind) else None
-        except PluginError:  # which the checks report
-            return "value"
-        return schema.first if schema else "value"
-
     def _files(self, kind: Any) -> tuple[str, ...]:
-        """The keys of a kind that name files, as far as they can be told."""
-        try:
-            return tuple(getattr(load("faults", kind, self.folder), "FILES", ())) if self._may_load(kind) else ()
-        except PluginError:
+        """Return the keys of a kind that name files; none if they cannot be found."""
+        if not isinstance(kind, str) or not (self.run or is_built_in("faults", kind)):
             return ()
-
-    def _may_load(self, kind: Any) -> bool:
-        return isinstance(kind, str) and (self.run or is_built_in("faults", kind))
+        try:
+            return tuple(getattr(load("faults", kind, self.folder), "FILES", ()))
+        except PluginError:  # which the checks report
+            return ()
