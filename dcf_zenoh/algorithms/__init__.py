@@ -1,1 +1,1 @@
-"""Distributed algorithms: how a problem is solved. The contract is in `algorithm`."""
+"""Distributed algorithms, one per file. `algorithm` has the contract, `needs` the declaration of preconditions."""

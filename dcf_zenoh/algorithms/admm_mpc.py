@@ -18,31 +18,30 @@ def admm_mpc(
     relax: Fraction = 0.9,
     multiplier_max: PositiveFloat | None = 1e3,
 ) -> Dialogue[Result]:
-    """Plan for all, pay for oneself, agree on the plans edge by edge; a round is one quadratic program for each agent.
+    """Plan for all agents and agree on the plans edge by edge; each agent solves one quadratic program per round.
 
-    Agent i keeps a copy x of the plans of all. Its own problem f_i(x) has its own cost, one part in N of the common
-    one, and the shared constraints that it takes part in; what these are, the agents tell each other in the first
-    rounds of a control step (see `gather`). With rho the penalty, alpha how far an edge follows and d the number of
-    neighbours: ``x = argmin f_i - sum_j z_ij'x + rho d / 2 |x|²``, to j goes ``m_ij = 2 rho x - z_ij``, and what comes
-    makes ``z_ij+ = (1 - alpha) z_ij + alpha m_ji``.
+    Agent i keeps a copy x of all plans. Its local problem f_i(x) has its own cost, 1/N of the common cost, and the
+    shared constraints that it takes part in, which the agents exchange in the first rounds of a control step (see
+    `gather`). With rho the penalty, alpha the relaxation and d the number of neighbours, each round solves
+    ``x = argmin f_i - sum_j z_ij'x + rho d / 2 |x|²``, sends ``m_ij = 2 rho x - z_ij`` to neighbour j, and updates
+    ``z_ij+ = (1 - alpha) z_ij + alpha m_ji``.
 
-    All agents being coupled to all, a plan is relayed where two of them are no neighbours: any connected graph will do.
-    OSQP is set up once in a control step and starts from its last solution; z and that solution are kept from step to
-    step, moved on by one stage. It converges to the least sum of costs for any penalty, at a linear rate once the
-    active constraints are settled, and bears lost messages. The residual is the largest change of x and of what the
-    edges ask for.
+    Copies of all plans are relayed from neighbour to neighbour, so any connected graph is enough. OSQP is set up once
+    per control step and starts from its last solution. z and that solution are kept between steps, moved on by one
+    stage. It converges to the least sum of costs for any penalty, at a linear rate once the set of active constraints
+    is settled, and tolerates lost messages. The residual is the largest change of x or of the edge variables.
 
     Args:
         game: This agent's share of the game, which must have a potential: equal prices of the mean.
         me: This agent.
         penalty: rho.
         relax: alpha.
-        multiplier_max: Bound of the multipliers of an agent's own problem where it has no solution: the price of
-            violating a shared constraint. None: such a step is an error.
+        multiplier_max: Price of violating a shared constraint where the local problem has no solution; bounds its
+            multipliers. None: such a step is an error.
 
     Raises:
-        AlgorithmError: The game has no potential, or the agent's own problem no solution; then the solver's status is
-            in the message.
+        AlgorithmError: The game has no potential, or the local problem has no solution; the message then has the
+            solver's status.
 
     Source: Summers and Lygeros, "Distributed model predictive consensus via the alternating direction method of
     multipliers", Allerton Conference, 2012; Rey, Pan, Hauswirth, Lygeros, "Fully decentralized ADMM for coordination
@@ -57,8 +56,8 @@ def admm_mpc(
     qp = LocalQP(local, copies.weight, copies.last, multiplier_max)
     x, change = qp.solve(copies.pull), float("inf")
     while True:
-        inbox = yield copies.said(x.v), change
-        copies.hear(inbox)
+        inbox = yield copies.payloads(x.v), change
+        copies.update(inbox)
         new = qp.solve(copies.pull)
         change, x = max(float(abs(new.v - x.v).max()), copies.moved), new
         me.note(u=x.v[copies.own], iterations=qp.iterations, softened=qp.softened)

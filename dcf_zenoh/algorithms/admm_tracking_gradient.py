@@ -1,4 +1,4 @@
-"""ADMM-tracking gradient: gradient tracking that bears lost and late messages."""
+"""ADMM-tracking gradient: gradient tracking that tolerates lost and late messages."""
 
 import numpy as np
 
@@ -19,19 +19,19 @@ def admm_tracking_gradient(
     penalty: PositiveFloat = 0.5,
     renew: Fraction = 0.9,
 ) -> Dialogue[Result]:
-    """Go towards the mean decision, and against the mean gradient: ``x+ = x + gamma (y - x) - gamma a s``.
+    """Step towards the mean decision and against the mean gradient: ``x+ = x + gamma (y - x) - gamma a s``.
 
-    y and s are this agent's estimates of the means of x and of grad f(x), found by ADMM over the edges, which start
-    anywhere and stay right whatever is lost. Linear for strongly convex costs and small gamma. Sent per edge. The
-    residual is the largest change of x, or distance of x to y.
+    y and s are this agent's estimates of the means of x and of grad f(x), tracked by ADMM over the edges, whose limit
+    depends neither on their start nor on lost messages. Payloads are per neighbour. Converges linearly for strongly
+    convex costs and small gamma. The residual is the largest change of x or distance of x to y.
 
     Args:
-        problem: This agent's cost.
+        problem: Cost of this agent.
         me: This agent.
-        step: a.
-        relax: gamma, how far to go.
+        step: a, the step size.
+        relax: gamma, the fraction of the step to take.
         penalty: rho of the tracker; the larger, the more the neighbours' estimates weigh.
-        renew: alpha of the tracker, how far an edge follows what comes over it.
+        renew: alpha of the tracker: the fraction by which an edge variable follows a received message.
 
     Source: Carnevale, Bastianello, Notarstefano, Carli, "ADMM-Tracking Gradient for Distributed Optimization over
     Asynchronous and Unreliable Networks", IEEE Transactions on Automatic Control, 2025, Algorithms 1 and 2.
@@ -40,10 +40,10 @@ def admm_tracking_gradient(
     tracker = MeanTracker(np.concatenate((x, problem.gradient(x))), penalty, renew)
     change = float("inf")
     while True:
-        inbox = yield PerNeighbour({j: {"m": tracker.edge(j)} for j in me.neighbours}), change
+        inbox = yield PerNeighbour({j: {"m": tracker.message(j)} for j in me.neighbours}), change
         for j, payload in inbox.items():
-            if inbox.new(j):  # a held message must not count twice
-                tracker.hear(j, np.asarray(payload["m"]))
+            if inbox.new(j):  # a held value must not count twice
+                tracker.update(j, np.asarray(payload["m"]))
         tracker.combine()
         y, s = np.split(tracker.mean, 2)
         new = x + relax * (y - x - step * s)

@@ -1,9 +1,9 @@
-"""The contract of an algorithm: a generator that yields payloads and resumes with what the neighbours sent.
+"""Contract of an algorithm: a generator that yields payloads and resumes with the neighbours' payloads.
 
-``yield payload, residual`` is one communication round, ``return`` the result. When ``inbox.stop`` is set the
-iteration is over (agreed by the fleet, out of rounds, or out of time) and the generator returns. The simplest
-algorithm is a generator function ``(problem, me, *, options)``; its keyword-only arguments are the keys of its
-table in a fleet file.
+``inbox = yield payload, residual`` is one communication round. When ``inbox.stop`` is set, the iteration is over
+(agreed by the fleet, out of rounds, or out of time) and the generator returns ``me.result(decision)``. The simplest
+algorithm is a generator function ``(problem, me, *, options)``; its keyword-only arguments are the keys of
+``[algorithm]`` in a fleet file.
 """
 
 from collections.abc import Callable, Collection, Generator, ItemsView, Iterator, Mapping
@@ -24,23 +24,27 @@ _NONE: Mapping[str, Any] = MappingProxyType({})
 
 @dataclass(frozen=True)
 class PerNeighbour:
-    """A payload of its own for each out-neighbour; all of them must be named, an empty payload is one."""
+    """Separate payloads for the out-neighbours.
+
+    Attributes:
+        payloads: Out-neighbour -> payload. Every out-neighbour must have one; it may be empty.
+    """
 
     payloads: Mapping[int, Payload]
 
 
 class Inbox(Mapping[int, Payload]):
-    """What the neighbours sent in one round: neighbour -> payload, ascending by id.
+    """Payloads of the in-neighbours in one round: neighbour -> payload, ascending by id.
 
-    A neighbour that was not heard in time is there with the last payload it sent in this step (`fresh` is false),
-    or, where there is none or the fleet file says ``missing = "absent"``, not there at all (`missing`). A held
-    payload never outlives a change of the payload's names.
+    If a neighbour's message is not received in time, the neighbour keeps its last payload of this step as held value
+    (`fresh` is false). If there is none, or the fleet file has ``missing = "absent"``, the neighbour is not in the
+    mapping but in `missing`. A held value never outlives a change of the payload's names.
 
     Attributes:
         own: The agent's own payload of this round, as the neighbours receive it.
-        payloads: Neighbour -> payload: what the mapping shows.
-        stop: The iteration is over: return the result.
-        missing: Neighbours with no payload.
+        payloads: Neighbour -> payload; the content of the mapping.
+        stop: Whether the iteration is over: return the result.
+        missing: In-neighbours without a payload.
     """
 
     __slots__ = ("_ages", "_news", "missing", "own", "payloads", "stop")
@@ -72,43 +76,43 @@ class Inbox(Mapping[int, Payload]):
         return len(self.payloads)
 
     def items(self) -> ItemsView[int, Payload]:
-        """Those of `payloads`: quicker than what a `Mapping` makes of the above."""
+        """Return the items of `payloads`; faster than the method inherited from `Mapping`."""
         return self.payloads.items()
 
     def replaced(self, own: Payload, payloads: Mapping[int, Payload]) -> "Inbox":
-        """The same inbox with other payloads; a neighbour that is not among them is missing."""
+        """Return this inbox with other payloads; a neighbour that has none in them is missing."""
         missing = self.missing
         if len(payloads) < len(self.payloads):
             missing = tuple(sorted({*missing, *(self.payloads.keys() - payloads.keys())}))
         return Inbox(own, payloads, stop=self.stop, ages=self._ages, news=self._news, missing=missing)
 
     def age(self, neighbour: int) -> int:
-        """Rounds since `neighbour` sent what is here; 0 is fresh.
+        """Return how many rounds ago `neighbour` sent its payload; 0 is fresh.
 
         Raises:
-            KeyError: There is nothing of `neighbour`.
+            KeyError: There is no payload of `neighbour`.
         """
         if neighbour not in self.payloads:
             raise KeyError(neighbour)
         return self._ages.get(neighbour, 0)
 
     def fresh(self, neighbour: int) -> bool:
-        """Whether `neighbour` was heard in this very round."""
+        """Return whether the payload of `neighbour` was sent in this round."""
         return neighbour in self.payloads and not self._ages.get(neighbour, 0)
 
     def new(self, neighbour: int) -> bool:
-        """Whether the payload of `neighbour` was not in an earlier inbox; a late one is new once, too."""
+        """Return whether the payload of `neighbour` is in an inbox for the first time; a late one is new once, too."""
         if self._news is None:
             return self.fresh(neighbour)
         return neighbour in self._news and neighbour in self.payloads
 
 
 class Result(NamedTuple):
-    """What an algorithm found.
+    """Result of an algorithm in one control step.
 
     Attributes:
-        decision: The agent's own decision, read-only.
-        memory: What `Me.recall` gives back in the next control step.
+        decision: Decision of this agent, shape (n,), read-only.
+        memory: Values that `Me.recall` returns in the next control step, by name.
     """
 
     decision: Array
@@ -117,15 +121,15 @@ class Result(NamedTuple):
 
 @dataclass
 class Me:
-    """What an algorithm knows of its own agent.
+    """An algorithm's view of its own agent.
 
     Attributes:
-        id: Of this agent.
+        id: Id of this agent.
         agents: Ids of the whole fleet, ascending.
-        neighbourhood: Whom it hears and who hears it, weights, diameter.
-        rng: Random numbers seeded by the fleet's seed and `id`.
-        last: The decision of the previous control step; None in the first.
-        noted: The latest values given to `note`.
+        neighbourhood: In- and out-neighbours, mixing weights, diameter of the graph.
+        rng: Random numbers, seeded by the fleet's seed and `id`.
+        last: Decision of the previous control step; None in the first.
+        noted: Latest values given to `note`.
     """
 
     id: int
@@ -138,7 +142,7 @@ class Me:
 
     @property
     def neighbours(self) -> tuple[int, ...]:
-        """The agents this one hears, ascending."""
+        """Ids of the in-neighbours, ascending."""
         return self.neighbourhood.receives_from
 
     @property
@@ -147,16 +151,17 @@ class Me:
         return len(self.agents)
 
     def recall(self, name: str, default: Any) -> Any:
-        """What the last step's result kept under `name`, or `default`."""
+        """Return what the result of the previous step kept under `name`, or `default`."""
         return self._memory.get(name, default)
 
     def mix(self, inbox: Inbox, name: str) -> Any:
-        """Weighted mean of entry `name` over the neighbours and the agent itself, summed in order of ids.
+        """Return the weighted mean of entry `name` over the in-neighbours and the agent itself.
 
-        The weight of a neighbour with no payload goes to the agent itself, so the weights always sum to 1.
+        It is summed in order of ids. The weight of a missing neighbour goes to the agent itself, so the weights always
+        sum to 1.
 
         Raises:
-            AlgorithmError: A payload has no such entry, or one of another shape.
+            AlgorithmError: A payload has no such entry, or the entries differ in shape.
         """
         weights, payloads = self.neighbourhood.weights, inbox.payloads
         own_weight = weights[self.id]
@@ -179,26 +184,26 @@ class Me:
                         f" {np.shape(term)} from agent {j}"
                     )
                 else:
-                    total += term  # terms are fresh, so this changes nobody's array
+                    total += term  # terms are new arrays, so no payload changes
         except KeyError:
             raise AlgorithmError(f"a payload has no entry {name!r} to mix") from None
         return total
 
     def note(self, **values: Any) -> None:
-        """Show values of this round to the log (written with ``log.rounds = true``)."""
+        """Note values of this round for the log, which has them if ``log.rounds = true``."""
         self.noted = values
 
     def take_notes(self) -> Mapping[str, Any]:
-        """What was noted since the last call. The log calls this once a round."""
+        """Return what was noted since the last call. The log calls this once per round."""
         noted, self.noted = self.noted, {}
         return noted
 
     def result(self, decision: npt.ArrayLike, **memory: Any) -> Result:
-        """The result to return: this agent's decision, and what to recall in the next step."""
+        """Return the result of this step: the agent's decision, shape (n,), and what to recall in the next step."""
         return Result(read_only(decision), memory)
 
     def forget(self) -> None:
-        """Lose all memory, as in a restart."""
+        """Clear all memory, as a restart does."""
         self.last, self._memory, self.noted = None, {}, {}
 
     def remember(self, result: Result) -> None:
@@ -213,10 +218,10 @@ Algorithm: TypeAlias = Callable[[Any, Me], Dialogue[Result]]
 
 
 def solve(algorithm: Algorithm, problem: Any, me: Me) -> Dialogue[Result]:
-    """Let `algorithm` solve `problem`, and remember its result for the next control step.
+    """Run `algorithm` on `problem` and keep its result in `me` for the next control step.
 
     Raises:
-        AlgorithmError: It is no generator, or it returned something else than ``me.result(decision)``.
+        AlgorithmError: The algorithm is no generator, or returned something other than ``me.result(decision)``.
     """
     dialogue = algorithm(problem, me)
     if not isinstance(dialogue, Generator):

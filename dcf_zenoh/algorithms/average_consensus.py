@@ -9,15 +9,15 @@ from dcf_zenoh.problems.problem import MeanProblem
 
 @needs(MeanProblem, doubly_stochastic=True)
 def average_consensus(problem: MeanProblem, me: Me) -> Dialogue[Result]:
-    """Every agent ends with the mean of all agents' values: ``x+ = sum_j w_ij x_j``.
+    """Find the mean of all agents' values by repeated mixing: ``x+ = sum_j w_ij x_j``.
 
-    Linear, by the second largest modulus of the weights' eigenvalues in every round. A lost message leaves a bias. The
-    residual is the change of the own estimate in the last round.
+    Converges linearly; the rate is the second largest modulus of the weight matrix's eigenvalues. A lost message leaves
+    a bias. The residual is the change of the agent's estimate in the last round.
 
     Source: Xiao and Boyd, "Fast linear iterations for distributed averaging", Systems & Control Letters, 2004, eq. (1).
 
     Raises:
-        AlgorithmError: The weights are not doubly stochastic: the limit would not be the mean.
+        AlgorithmError: The weights are not doubly stochastic, so the limit would not be the mean.
     """
     x: Any = problem.value
     change = float("inf")

@@ -1,4 +1,4 @@
-"""One agent gathers the problems of all, solves them, and tells the answer."""
+"""Central solution by one agent, which gathers all problems, solves them together and returns the answer."""
 
 import numpy as np
 
@@ -11,25 +11,25 @@ from dcf_zenoh.problems.central import solve_together
 from dcf_zenoh.problems.problem import AggregativeGame, ConsensusProblem, CoupledProblem, Game
 from dcf_zenoh.problems.share import Share, Shareable
 
-ANSWER = "answer."  # begins the names of entries of the answer
+ANSWER = "answer."  # prefix of the payload entries that hold the answer
 
 
 @needs(ConsensusProblem, CoupledProblem, Game, AggregativeGame, traits=("linear",))
 def centralised(problem: Shareable, me: Me, *, hub: int | None = None) -> Dialogue[Result]:
-    """Every agent passes on the shares of the problem that it knows, and the answer once it is there.
+    """Flood all shares of the problem to one agent, the hub, and its answer back to all.
 
-    The hub knows all shares after as many rounds as it is away from the farthest agent, and asks OSQP; the others have
-    the answer as many rounds later. Nothing is lost for good if messages are. The residual is 0 once an agent has the
-    answer. An agent that has to stop before has no decision: its last one, or zeros, stand for it.
+    The hub has all shares after as many rounds as there are hops to the farthest agent, and solves them by OSQP; the
+    others have the answer as many rounds later. Lost messages only delay it. The residual is infinite until an agent
+    has the answer, then 0. An agent that must stop before decides on its last decision, or on zeros.
 
     Args:
-        problem: This agent's share.
+        problem: This agent's share of the problem.
         me: This agent.
-        hub: Who solves; None: the lowest id.
+        hub: Id of the agent that solves; None: the lowest id.
 
     Raises:
-        AlgorithmError: There is no agent `hub`, the problem cannot be told as arrays, or it has no solution; then the
-            solver's status is in the message.
+        AlgorithmError: There is no agent `hub`, the problem has no `share` method, or it has no solution; the message
+            then has the solver's status.
     """
     solver = me.agents[0] if hub is None else hub
     if solver not in me.agents:
@@ -45,9 +45,9 @@ def centralised(problem: Shareable, me: Me, *, hub: int | None = None) -> Dialog
         own = answer.get(f"{ANSWER}{me.id}")
         inbox = yield answer or known, 0.0 if answer else float("inf")
         for payload in inbox.values():
-            told = {name: value for name, value in payload.items() if name.startswith(ANSWER)}
-            answer = answer or told
-            known = known if told else {**payload, **known}
+            received = {name: value for name, value in payload.items() if name.startswith(ANSWER)}
+            answer = answer or received
+            known = known if received else {**payload, **known}
         if inbox.stop:
             own = answer.get(f"{ANSWER}{me.id}")
             stand_in: Array = np.zeros(len(share.g)) if me.last is None else me.last

@@ -10,15 +10,15 @@ from dcf_zenoh.spec import PositiveFloat
 
 @needs(ConsensusProblem, links="undirected", agents=2)
 def consensus_admm(problem: ConsensusProblem, me: Me, *, penalty: PositiveFloat = 1.0) -> Dialogue[Result]:
-    """Alternate least costs and prices of disagreement; one vector is sent.
+    """Minimise the cost at a price p of disagreement with the neighbours, and update the price.
 
     With c the penalty, p = 0 at first, and sums over the neighbours: ``p+ = p + c sum_j (x - x_j)``, then
-    ``x+ = argmin f + p+'x + c sum_j |x - (x_i + x_j) / 2|²``. It asks neither for gradients nor for weights, and knows
-    no step size that is too large. Linear for strongly convex and smooth costs. The prices must sum to zero, so a lost
-    message leaves a bias. The residual is the largest distance to a neighbour, or change of x.
+    ``x+ = argmin f + p+'x + c sum_j |x - (x_i + x_j) / 2|²``. It sends one vector, needs neither gradients nor mixing
+    weights, and converges for every penalty, linearly for strongly convex and smooth costs. The prices must sum to zero
+    over the fleet, so a lost message leaves a bias. The residual is the largest distance to a neighbour or change of x.
 
     Args:
-        problem: This agent's cost and set.
+        problem: Cost and set of this agent.
         me: This agent.
         penalty: c.
 

@@ -12,18 +12,18 @@ from dcf_zenoh.spec import NonNegativeFloat, PositiveFloat
 def dual_subgradient(
     problem: CoupledProblem, me: Me, *, step: PositiveFloat = 1.0, decay: NonNegativeFloat = 0.7
 ) -> Dialogue[Result]:
-    """Mix the prices of what is shared, decide at that price, and raise it where the own share is overdrawn.
+    """Mix the prices of the shared constraints, minimise at that price, and update it by the agent's own excess.
 
-    ``l = sum_j w_ij lam_j, x = argmin f + l'A x, lam+ = l + a_k (A x - b)``, not below 0 for inequalities. The prices
-    alone are sent. With steps a_k = step / (k + 1)^decay, 1/2 < decay <= 1, it tends to the answer, slowly; with
-    decay = 0 it stays near it. The residual is the largest change of x or of the own price; as this takes in the step,
-    the steps must shrink for it to vanish.
+    ``l = sum_j w_ij lam_j, x = argmin f + l'A x, lam+ = l + a_k (A x - b)``, projected on lam >= 0 for inequalities.
+    Only prices are sent. With steps a_k = step / (k + 1)^decay, 1/2 < decay <= 1, it converges to the solution, slowly;
+    with decay = 0 it stays near it. The residual is the largest change of x or of the price. The change of the price
+    includes the agent's own excess times the step, so the steps must shrink for the residual to vanish.
 
     Args:
-        problem: This agent's cost, set and share of the constraints.
+        problem: Cost, set and share of the constraints of this agent.
         me: This agent.
-        step: The first step size, a_0.
-        decay: How fast the steps shrink.
+        step: First step size, a_0.
+        decay: Exponent by which the steps shrink.
 
     Source: Falsone, Margellos, Garatti, Prandini, "Dual decomposition for multi-agent distributed optimization with
     coupling constraints", Automatica, 2017; without its averages, as costs are strongly convex.

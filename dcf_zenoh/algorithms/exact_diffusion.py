@@ -10,12 +10,12 @@ from dcf_zenoh.spec import PositiveFloat
 def exact_diffusion(problem: ConsensusProblem, me: Me, *, step: PositiveFloat = 0.2) -> Dialogue[Result]:
     """Adapt, correct, combine: ``psi = x - a grad f(x), phi = psi + x - psi_before, x+ = (phi + W phi) / 2``.
 
-    Without the correction it is diffusion, whose constant steps leave a bias. One vector is sent. Linear for strongly
-    convex costs and symmetric W, for larger steps than EXTRA. A lost message leaves a bias. The residual is the change
-    of x.
+    Without the correction it is diffusion, whose constant steps leave a bias. It sends one vector and converges
+    linearly for strongly convex costs and symmetric W, with larger steps than EXTRA. A lost message leaves a bias. The
+    residual is the change of x.
 
     Args:
-        problem: This agent's cost.
+        problem: Cost of this agent.
         me: This agent.
         step: a; less than 2 / L for gradients with Lipschitz constant L.
 

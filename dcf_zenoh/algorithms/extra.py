@@ -1,4 +1,4 @@
-"""EXTRA, the exact first-order algorithm."""
+"""EXTRA, an exact first-order algorithm."""
 
 import numpy as np
 
@@ -10,14 +10,14 @@ from dcf_zenoh.spec import PositiveFloat
 
 @needs(ConsensusProblem, traits=("smooth", "unconstrained"), links="undirected", doubly_stochastic=True)
 def extra(problem: ConsensusProblem, me: Me, *, step: PositiveFloat = 0.2) -> Dialogue[Result]:
-    """Gradient descent with a correction by the last round, which takes away the bias of constant steps.
+    """Descend along the gradient with a correction by the previous round, which removes the bias of constant steps.
 
-    ``x1 = Wx0 - a grad f(x0)``, then ``x++ = x+ + Wx+ - (x + Wx) / 2 - a (grad f(x+) - grad f(x))``. One vector is
-    sent. Linear for strongly convex costs and symmetric W. A lost message leaves a bias. The residual is the change of
-    x.
+    ``x1 = Wx0 - a grad f(x0)``, then ``x++ = x+ + Wx+ - (x + Wx) / 2 - a (grad f(x+) - grad f(x))``. It sends one
+    vector and converges linearly for strongly convex costs and symmetric W. A lost message leaves a bias. The residual
+    is the change of x.
 
     Args:
-        problem: This agent's cost.
+        problem: Cost of this agent.
         me: This agent.
         step: a; less than (1 + least eigenvalue of W) / L for gradients with Lipschitz constant L.
 

@@ -10,11 +10,12 @@ from dcf_zenoh.spec import PositiveFloat
 def gradient_tracking(problem: ConsensusProblem, me: Me, *, step: PositiveFloat = 0.1) -> Dialogue[Result]:
     """Descend along an estimate y of the mean gradient: ``x+ = W (x - a y), y+ = W y + grad f(x+) - grad f(x)``.
 
-    The estimates start at the own gradients and keep their mean, so a lost message leaves a bias for good. Linear for
-    strongly convex costs and small steps. The residual is the largest change of x and the size of the step to come.
+    Each estimate starts at the agent's own gradient. Their mean over the fleet must be kept, so a lost message leaves a
+    bias for good. Converges linearly for strongly convex costs and small steps. The residual is the largest change of x
+    or of the step to come.
 
     Args:
-        problem: This agent's cost.
+        problem: Cost of this agent.
         me: This agent.
         step: a; less than about 1 / L for gradients with Lipschitz constant L.
 

@@ -1,8 +1,7 @@
-"""What an algorithm needs: of its problem, of the graph and of its own options; refused in one line where it is not so.
+"""Preconditions of an algorithm on its problem, the graph and its options, declared by a decorator.
 
-An algorithm says so by a decorator. `agentd check` reads it and tells what it can without running anything; the rest,
-what depends on the numbers of a problem, is checked when the algorithm is called. One that says nothing is not
-restricted.
+`agentd check` evaluates them as far as it can without a run. What depends on the numbers of a problem is checked when
+the algorithm is called. An algorithm without the decorator is not restricted.
 """
 
 import functools
@@ -37,14 +36,14 @@ TRAITS = {
 
 @dataclass(frozen=True)
 class Needs:
-    """What one algorithm needs.
+    """Preconditions of one algorithm.
 
     Attributes:
-        algorithm: Its name, for messages.
-        structures: It solves problems of any of these.
-        traits: What must be true of the problem, keys of `TRAITS`.
-        links: Which graphs will do: any, those whose links go both ways, or all to all.
-        doubly_stochastic: The mixing weights must keep the mean.
+        algorithm: Name of the algorithm, for messages.
+        structures: Structures of problems that it solves; one of them is enough.
+        traits: Attributes of the problem that must be true, keys of `TRAITS`.
+        links: Graphs that it accepts: any, those with links in both directions, or those with all links.
+        doubly_stochastic: Whether the mixing weights must keep the mean.
         agents: Least number of agents.
     """
 
@@ -56,13 +55,13 @@ class Needs:
     agents: int
 
     def of_problem(self, problem: object, name: str) -> str | None:
-        """What is wrong with a problem, or with all problems of a class; None if nothing is, or it cannot be told.
+        """Return why a problem, or every problem of a class, is refused; None if it is not, or if it cannot be told.
 
-        An object that derives from no structure at all passes if it has the methods of one that is needed.
+        An object that derives from no structure passes if it has the methods of one of `structures`.
 
         Args:
-            problem: The problem, or its class.
-            name: What it is called in messages.
+            problem: Problem, or class of problems.
+            name: Name of the problem in messages.
         """
         kind = problem if isinstance(problem, type) else type(problem)
         if not issubclass(kind, self.structures):
@@ -70,34 +69,34 @@ class Needs:
             if issubclass(kind, Problem):
                 found = dict.fromkeys(base.STRUCTURE for base in kind.__bases__ if issubclass(base, Problem))
                 return f"{self.algorithm} solves {wanted}, and {name} is {' and '.join(found)}"
-            lacking = min((_lacking(each, problem) for each in self.structures), key=len)
-            if lacking:
-                return f"{self.algorithm} solves {wanted}, and {name} has no {', '.join(lacking)}"
+            missing = min((_missing_names(each, problem) for each in self.structures), key=len)
+            if missing:
+                return f"{self.algorithm} solves {wanted}, and {name} has no {', '.join(missing)}"
         for trait in self.traits:
             if getattr(problem, trait, True) is False:
                 return f"{self.algorithm} needs {TRAITS[trait]}, which {name} has not"
         return None
 
-    def of_links(self, agent: int, hood: Neighbourhood, count: int) -> str | None:
-        """What is wrong with who hears whom, as agent number `agent` of `count` sees it; None if nothing is."""
-        hears, tells = hood.receives_from, hood.sends_to
+    def of_links(self, agent: int, neighbourhood: Neighbourhood, count: int) -> str | None:
+        """Return why the links of `agent`, one of `count` agents, are refused; None if they are not."""
+        senders, receivers = neighbourhood.receives_from, neighbourhood.sends_to
         if count < self.agents:
             return f"{self.algorithm} needs at least {self.agents} agents, not {count}"
-        if self.links != "directed" and hears != tells:
+        if self.links != "directed" and senders != receivers:
             return (
-                f"{self.algorithm} needs links in both directions; agent {agent} hears {list(hears)} and is heard by"
-                f" {list(tells)} (use an undirected topology)"
+                f"{self.algorithm} needs links in both directions; agent {agent} hears {list(senders)} and is heard by"
+                f" {list(receivers)} (use an undirected topology)"
             )
-        if self.links == "complete" and len(hears) < count - 1:
+        if self.links == "complete" and len(senders) < count - 1:
             return (
-                f"{self.algorithm} needs every agent to hear all others; agent {agent} hears {list(hears)} of"
+                f"{self.algorithm} needs every agent to hear all others; agent {agent} hears {list(senders)} of"
                 f" {count - 1} (use topology 'complete')"
             )
         return None
 
-    def of_weights(self, hood: Neighbourhood) -> str | None:
-        """What is wrong with the mixing weights; None if nothing is."""
-        if self.doubly_stochastic and not hood.doubly_stochastic:
+    def of_weights(self, neighbourhood: Neighbourhood) -> str | None:
+        """Return why the mixing weights are refused; None if they are not."""
+        if self.doubly_stochastic and not neighbourhood.doubly_stochastic:
             return (
                 f"{self.algorithm} needs doubly stochastic weights; these are not (use an undirected topology with"
                 " weights = 'metropolis')"
@@ -112,12 +111,12 @@ def needs(
     doubly_stochastic: bool = False,
     agents: int = 1,
 ) -> Callable[[F], F]:
-    """Say what an algorithm needs, and check it when it is called; see `Needs` for the arguments.
+    """Declare the preconditions of an algorithm, and check them when it is called; see `Needs` for the arguments.
 
-    Options whose annotations have bounds, such as `Fraction`, must keep them.
+    Options whose annotations have bounds, such as `Fraction`, are checked too.
 
     Raises:
-        AlgorithmError: When the algorithm is called: something that it needs is not there; the message says what.
+        AlgorithmError: On a call of the algorithm: a precondition does not hold; the message states which.
     """
 
     def declare(algorithm: F) -> F:
@@ -145,13 +144,13 @@ def needs(
 
 
 def needs_of(algorithm: object) -> Needs | None:
-    """What an algorithm says that it needs; None if it says nothing."""
+    """Return the preconditions that an algorithm declares; None if it declares none."""
     found = getattr(algorithm, "needs", None)
     return found if isinstance(found, Needs) else None
 
 
-def _lacking(structure: type[Problem], problem: object) -> list[str]:
-    """Names that make a structure and that a problem has not; of a class, methods alone can be told."""
+def _missing_names(structure: type[Problem], problem: object) -> list[str]:
+    """Return the names of a structure that a problem does not have; of a class, methods only."""
     names = set(getattr(structure, "__abstractmethods__", ()))
     if not isinstance(problem, type):
         names |= {
@@ -165,7 +164,7 @@ def _lacking(structure: type[Problem], problem: object) -> list[str]:
 
 
 def _out_of_range(name: str, value: object, annotation: Any) -> str | None:
-    """What is wrong with an option, by the bounds in its annotation."""
+    """Return why the value of an option is refused by the bounds in its annotation; None if it is not."""
     if not isinstance(value, int | float) or not (bounds := dict(_bounds(annotation))):
         return None
     low, high = bounds.get("gt", bounds.get("ge", -math.inf)), bounds.get("lt", bounds.get("le", math.inf))
@@ -176,7 +175,7 @@ def _out_of_range(name: str, value: object, annotation: Any) -> str | None:
 
 
 def _bounds(annotation: Any) -> Iterator[tuple[str, float]]:
-    """Bounds in a type, as pydantic names them: ("gt", 0.0)."""
+    """Yield the bounds in a type, named as in pydantic: ("gt", 0.0)."""
     origin, arguments = typing.get_origin(annotation), typing.get_args(annotation)
     if origin in (Union, UnionType):
         for each in arguments:

@@ -1,4 +1,4 @@
-"""Gradient play where every action is seen."""
+"""Gradient play with full information: every player receives every action."""
 
 import numpy as np
 
@@ -10,14 +10,14 @@ from dcf_zenoh.spec import PositiveFloat
 
 @needs(Game, traits=("uncoupled",), links="complete")
 def pseudo_gradient(problem: Game, me: Me, *, step: PositiveFloat = 0.1) -> Dialogue[Result]:
-    """Each player steps against the gradient of its own cost, at the actions that all have told: ``x+ = P[x - a F_i]``.
+    """Step against the gradient of the player's own cost at the actions received: ``x+ = P[x - a F_i]``.
 
-    Linear where the pseudo-gradient is strongly monotone and the step small. For an action that was not heard the last
-    one stands that was, or 0. The residual is the change of the own action.
+    Converges linearly for a strongly monotone pseudo-gradient and small steps. A missing action is replaced by the last
+    one received, or by 0. The residual is the change of the player's action.
 
     Args:
-        problem: This player's cost and set.
-        me: This agent, which must hear all others.
+        problem: Cost and set of this player.
+        me: This agent, which must receive from all others.
         step: a; less than 2 m / L² for an m-strongly monotone pseudo-gradient with Lipschitz constant L.
 
     Source: Facchinei and Pang, "Finite-dimensional variational inequalities and complementarity problems", 2003,

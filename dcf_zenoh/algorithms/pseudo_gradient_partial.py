@@ -1,4 +1,4 @@
-"""Gradient play where actions are not seen, but estimated."""
+"""Gradient play with partial information: players estimate the actions that they do not receive."""
 
 import numpy as np
 
@@ -10,14 +10,14 @@ from dcf_zenoh.spec import PositiveFloat
 
 @needs(Game, traits=("uncoupled",), doubly_stochastic=True)
 def pseudo_gradient_partial(problem: Game, me: Me, *, step: PositiveFloat = 0.1) -> Dialogue[Result]:
-    """Each player keeps estimates X of all actions, mixes them with its neighbours', and steps in its own row.
+    """Mix estimates X of all actions with the neighbours', and take a gradient step in the player's own row.
 
-    ``V = sum_j w_ij X_j``, then ``X+ = V`` but for the own row, which is ``P[V_i - a F_i(V)]``. Linear where the
-    pseudo-gradient is strongly monotone and the step small; how small depends on the graph. The residual is the largest
-    change of an estimate.
+    ``V = sum_j w_ij X_j``, then ``X+ = V`` except for the player's own row, ``P[V_i - a F_i(V)]``. Converges linearly
+    for a strongly monotone pseudo-gradient and small steps; the bound of the step depends on the graph. The residual is
+    the largest change of an estimate.
 
     Args:
-        problem: This player's cost and set.
+        problem: Cost and set of this player.
         me: This agent.
         step: a.
 

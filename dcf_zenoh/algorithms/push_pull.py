@@ -10,15 +10,15 @@ from dcf_zenoh.spec import PositiveFloat
 
 @needs(ConsensusProblem, traits=("smooth", "unconstrained"))
 def push_pull(problem: ConsensusProblem, me: Me, *, step: PositiveFloat = 0.1) -> Dialogue[Result]:
-    """Pull decisions in, push gradients out: ``x+ = R (x - a y), y+ = C y + grad f(x+) - grad f(x)``.
+    """Pull decisions and push gradients: ``x+ = R (x - a y), y+ = C y + grad f(x+) - grad f(x)``.
 
-    R are the mixing weights, whose rows sum to 1. The columns of C sum to 1: an agent divides its y evenly among itself
-    and those who hear it, so that the sum over the fleet stays that of the gradients. Linear for strongly convex costs
-    and small steps on any graph that is strongly connected. A lost message takes its part of y with it. The residual is
-    the largest change of x and the size of the step to come.
+    R holds the mixing weights; its rows sum to 1. The columns of C sum to 1: an agent divides its y evenly among itself
+    and its out-neighbours, so the sum of y over the fleet stays the sum of the gradients. Converges linearly for
+    strongly convex costs and small steps on any strongly connected graph. A lost message loses its part of y, which
+    leaves a bias. The residual is the largest change of x or of the step to come.
 
     Args:
-        problem: This agent's cost.
+        problem: Cost of this agent.
         me: This agent.
         step: a.
 
@@ -33,8 +33,8 @@ def push_pull(problem: ConsensusProblem, me: Me, *, step: PositiveFloat = 0.1) -
         inbox = yield {"x": x - step * y, "y": y / parts}, change
         new = me.mix(inbox, "x")
         gradient = problem.gradient(new)
-        heard = sorted([(me.id, inbox.own), *((j, inbox[j]) for j in inbox if inbox.new(j))])
-        y = np.sum([np.asarray(payload["y"]) for _, payload in heard], axis=0) + gradient - own
+        parts_in = sorted([(me.id, inbox.own), *((j, inbox[j]) for j in inbox if inbox.new(j))])
+        y = np.sum([np.asarray(payload["y"]) for _, payload in parts_in], axis=0) + gradient - own
         change = max(float(abs(new - x).max()), step * float(abs(y).max()))
         x, own = new, gradient
         me.note(x=x)

@@ -9,11 +9,11 @@ from dcf_zenoh.problems.problem import MeanProblem
 
 @needs(MeanProblem)
 def push_sum(problem: MeanProblem, me: Me) -> Dialogue[Result]:
-    """Every agent ends with the mean of all agents' values, on any graph that is strongly connected.
+    """Find the mean of all agents' values on any strongly connected graph.
 
-    Each holds a mass s and a weight w, divides both evenly among itself and those who hear it, and adds up what it
-    hears: what is in the fleet stays in the fleet, and ``s / w`` tends to the mean. A message that is lost takes its
-    mass with it, so the network must not lose any. The residual is the change of the own estimate.
+    Each agent holds a mass s and a weight w, divides both evenly among itself and its out-neighbours, and adds up what
+    it receives. The totals over the fleet are kept, and ``s / w`` tends to the mean. A lost message loses its mass for
+    good, so the network must not lose any. The residual is the change of the agent's estimate.
 
     Source: Kempe, Dobra, Gehrke, "Gossip-based computation of aggregate information", FOCS 2003; with a broadcast to
     all out-neighbours as in Nedić and Olshevsky, "Distributed optimization over time-varying directed graphs", IEEE
@@ -25,9 +25,9 @@ def push_sum(problem: MeanProblem, me: Me) -> Dialogue[Result]:
     change = float("inf")
     while True:
         inbox = yield {"s": s / parts, "w": w / parts}, change
-        heard = sorted([(me.id, inbox.own), *((j, inbox[j]) for j in inbox if inbox.new(j))])
-        s = np.sum([np.asarray(payload["s"]) for _, payload in heard], axis=0)
-        w = sum(float(payload["w"]) for _, payload in heard)
+        parts_in = sorted([(me.id, inbox.own), *((j, inbox[j]) for j in inbox if inbox.new(j))])
+        s = np.sum([np.asarray(payload["s"]) for _, payload in parts_in], axis=0)
+        w = sum(float(payload["w"]) for _, payload in parts_in)
         change, x = float(abs(s / w - x).max()), s / w
         me.note(x=x)
         if inbox.stop:

@@ -22,31 +22,32 @@ def sqp_admm(
     inner: Count = 10,
     multiplier_max: PositiveFloat | None = 1e3,
 ) -> Dialogue[Result]:
-    """Take the constraints as linear near the plans of now, agree on the plans by ADMM, and so on from there.
+    """Linearise the constraints at the present plans, agree on new plans by ADMM, and repeat.
 
-    Agent i keeps a copy x of the plans of all. An outer iteration replaces the constraints c(y) <= 0 that it takes part
-    in by ``c + c'(x - x_k) <= 0`` at its copies x_k, and adds their curvature at the prices of now, as far as it is
-    positive semidefinite. `inner` rounds of the ADMM of `admm_mpc` follow, on the quadratic program that this makes; z
-    goes on through all of them. OSQP is set up in every outer iteration, and starts from its last solution.
+    Agent i keeps a copy x of all plans. An outer iteration replaces the constraints c(y) <= 0 that it takes part in by
+    ``c + c'(x - x_k) <= 0`` at its copies x_k, and adds their curvature at the present prices, which `curvature` makes
+    positive semidefinite. `inner` rounds of the ADMM of `admm_mpc` follow on the resulting quadratic program; z carries
+    over from one outer iteration to the next. OSQP is set up in every outer iteration and starts from its last
+    solution.
 
-    It converges near a solution of the sum of costs that satisfies the second-order conditions, on any connected graph,
-    if the inner rounds are enough: too few on a sparse graph go in circles. Lost messages only make it later. The
-    residual is the largest change of x, its distance to where the constraints were taken to be linear, and the largest
-    change of what the edges ask for.
+    It converges locally, near a minimiser of the sum of costs that satisfies the second-order conditions, on any
+    connected graph, if there are enough inner rounds; with too few on a sparse graph it cycles. Lost messages only
+    delay it. The residual is the largest change of x, distance of x to the point of linearisation, or change of the
+    edge variables.
 
     Args:
-        game: This agent's share of the game, which must have a potential: equal prices of the mean. All agents must
-            take part.
+        game: This agent's share of the game, which must have a potential: equal prices of the mean. No agent may be
+            lost.
         me: This agent.
         penalty: rho.
         relax: alpha.
         inner: Rounds of each outer iteration.
-        multiplier_max: Bound of the multipliers of an agent's own problem where it has no solution: the price of
-            violating a shared constraint. None: such a step is an error.
+        multiplier_max: Price of violating a shared constraint where the local problem has no solution; bounds its
+            multipliers. None: such a step is an error.
 
     Raises:
-        AlgorithmError: The game has no potential, or the agent's own problem no solution; then the solver's status is
-            in the message.
+        AlgorithmError: The game has no potential, or the local problem has no solution; the message then has the
+            solver's status.
 
     Source: Stomberg, Engelmann, Faulwasser, "Decentralized non-convex optimization via bi-level SQP and ADMM", IEEE
     Conference on Decision and Control, 2022; with a fixed number of inner rounds as in Stomberg, Ebel, Faulwasser,
@@ -67,7 +68,7 @@ def sqp_admm(
         change = max(float(abs(new.v - x.v).max()), float(abs(new.v - near).max()), copies.moved)
         x = new
         me.note(u=x.v[copies.own], iterations=qp.iterations, softened=qp.softened)
-        inbox = yield copies.said(x.v), change
-        copies.hear(inbox)
+        inbox = yield copies.payloads(x.v), change
+        copies.update(inbox)
         if inbox.stop:
             return me.result(x.v[copies.own], **copies.memory(x))

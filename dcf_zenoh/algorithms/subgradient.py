@@ -10,18 +10,18 @@ from dcf_zenoh.spec import NonNegativeFloat, PositiveFloat
 def subgradient(
     problem: ConsensusProblem, me: Me, *, step: PositiveFloat = 0.5, decay: NonNegativeFloat = 1.0
 ) -> Dialogue[Result]:
-    """Mix, step against the own subgradient, project on the own set: ``v = sum_j w_ij x_j, x+ = P[v - a_k g(v)]``.
+    """Mix, step against the agent's subgradient, project on its set: ``v = sum_j w_ij x_j, x+ = P[v - a_k g(v)]``.
 
-    With steps a_k = step / (k + 1)^decay, 1/2 < decay <= 1, all agents tend to a minimiser, slowly. With decay = 0 the
-    steps are constant: they get near it at a linear rate, as far as the agents' gradients there differ, and stay there.
-    The residual is the largest change of the own estimate, or its distance to the mixed one: constant steps keep the
-    agents apart, and the smaller the steps, the less it says of the distance to the minimiser.
+    With steps a_k = step / (k + 1)^decay, 1/2 < decay <= 1, all agents converge to a minimiser, slowly. With decay = 0
+    they approach it at a linear rate and stay at a distance that grows with the step and the differences of the agents'
+    gradients there. The residual is the largest change of the agent's estimate or its distance to the mixed one. With
+    constant steps it does not vanish, and the smaller the steps, the less it bounds the distance to the minimiser.
 
     Args:
-        problem: This agent's cost and set.
+        problem: Cost and set of this agent.
         me: This agent.
-        step: The first step size, a_0.
-        decay: How fast the steps shrink.
+        step: First step size, a_0.
+        decay: Exponent by which the steps shrink.
 
     Source: Nedić, Ozdaglar, Parrilo, "Constrained consensus and optimization in multi-agent networks", IEEE
     Transactions on Automatic Control, 2010, Section IV.

@@ -10,16 +10,16 @@ from dcf_zenoh.spec import PositiveFloat
 
 @needs(CoupledProblem, traits=("equality",), links="undirected", doubly_stochastic=True)
 def tracking_admm(problem: CoupledProblem, me: Me, *, penalty: PositiveFloat = 1.0) -> Dialogue[Result]:
-    """ADMM in parallel, whose two central quantities are tracked: the constraints' mean d, and their price lam.
+    """Run parallel ADMM with its central quantities tracked: the mean excess d of the constraints and their price lam.
 
     With c the penalty, D and L the mixed d and lam, and d = A x - b at first:
     ``x+ = argmin f + L'A x + c / 2 |A x - A x_before + D|²``, ``d+ = D + A x+ - A x_before``, ``lam+ = L + c d+``.
-    d and lam are sent. It knows no step size that is too large, and converges for any convex costs; no rate is proved,
-    but it is linear on the quadratic ones here. d must keep its mean, so a lost message leaves a bias. The residual is
-    the largest change of A x, d, or of the price.
+    It sends d and lam and converges for every penalty and any convex costs; no rate is proved, but it is linear on the
+    built-in quadratic problems. The mean of d must be kept, so a lost message leaves a bias. The residual is the
+    largest change of A x, entry of d, or change of the price.
 
     Args:
-        problem: This agent's cost, set and share of the constraints, which are equations.
+        problem: Cost, set and share of the constraints of this agent; the constraints are equations.
         me: This agent.
         penalty: c.
 

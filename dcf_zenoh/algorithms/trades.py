@@ -1,8 +1,8 @@
 """Primal-dual TRADES: tracking-based seeking of the generalised Nash equilibrium of an aggregative game.
 
 Source: Carnevale, Fabiani, Fele, Margellos, Notarstefano, "Tracking-based distributed equilibrium seeking for
-aggregative games", IEEE TAC 2024. `combine_then_adapt` follows its Algorithm 2; `adapt_then_combine` sends what
-the step has produced instead of what it starts from, which converges about three times faster here.
+aggregative games", IEEE TAC 2024. `combine_then_adapt` follows its Algorithm 2. `adapt_then_combine` sends the new
+iterate of a round instead of the old one, which converges about three times faster on the position swap.
 """
 
 from collections.abc import Generator
@@ -18,7 +18,7 @@ from dcf_zenoh.spec import PositiveFloat
 
 
 class _Steps(NamedTuple):
-    """Step sizes: delta, gamma, N rho and alpha of the paper, and the bound of the multipliers."""
+    """Step sizes delta, gamma, N rho and alpha of the paper, and the bound of the multipliers."""
 
     relax: float
     step: float
@@ -41,18 +41,18 @@ def trades(
 ) -> Generator[tuple[Payload, float], Inbox, Result]:
     """Seek the variational generalised Nash equilibrium of `game`, one gradient step per round.
 
-    The trackers start at zero in every control step, because their sum over the fleet must be zero and one lost
-    message would break that for good; the multipliers are kept. The residual is the largest primal or dual change.
+    The trackers start at zero in every control step, because their sum over the fleet must be zero and a lost message
+    breaks that for the rest of the step. The multipliers are kept. The residual is the largest primal or dual change.
 
     Args:
         game: This agent's share of the game.
         me: This agent.
-        order: Whether a round sends the new iterate or the old one.
-        relax: delta in (0, 1]; how far to go towards the projected step. None: 0.6, or 0.2 for combine_then_adapt.
+        order: Whether a round sends the new iterate (adapt_then_combine) or the old one.
+        relax: delta in (0, 1], the fraction of the projected step to take. None: 0.6, or 0.2 for combine_then_adapt.
         step: gamma, the primal step size.
         dual: N rho, the dual step size times the number of agents. None: 1.2, or 2.4 for combine_then_adapt.
-        blend: alpha in (0, 1], how far the multipliers follow. None: 1, or 0.5 for combine_then_adapt.
-        multiplier_max: Bound of the multipliers: the price of violating a constraint in a step without solution.
+        blend: alpha in (0, 1], the fraction of the dual step to take. None: 1, or 0.5 for combine_then_adapt.
+        multiplier_max: Bound of the multipliers: the price of violating a constraint in a step without a solution.
 
     Raises:
         AlgorithmError: A step size is out of range, or the weights are not doubly stochastic.

@@ -12,18 +12,18 @@ from dcf_zenoh.spec import PositiveFloat
 def trades_primal(
     game: AggregativeGame, me: Me, *, relax: Fraction = 0.6, step: PositiveFloat = 0.1
 ) -> Dialogue[Result]:
-    """Step towards the projected pseudo-gradient step, at an estimate s of the mean contribution sigma.
+    """Take projected pseudo-gradient steps at a tracked estimate s of the mean contribution sigma.
 
     ``s = phi(u) + z``, ``u+ = u + delta (P[u - gamma F(u, s)] - u)``, ``z+ = sum_j w_ij s_j - phi(u)``; s is sent. The
-    trackers z start at zero in every control step and keep that sum, so a lost message leaves a bias until the next.
-    Linear where the pseudo-gradient is strongly monotone and the steps small. The residual is the largest change of u
-    or s.
+    trackers z start at zero in every control step and must sum to zero over the fleet, so a lost message leaves a bias
+    until the end of the step. Converges linearly for a strongly monotone pseudo-gradient and small steps. The residual
+    is the largest change of u or s.
 
     Args:
-        game: This agent's cost and set.
+        game: Cost and set of this agent.
         me: This agent.
-        relax: delta, how far to go towards the projected step.
-        step: gamma.
+        relax: delta, the fraction of the projected step to take.
+        step: gamma, the step size.
 
     Source: Carnevale, Fabiani, Fele, Margellos, Notarstefano, "Tracking-based distributed equilibrium seeking for
     aggregative games", IEEE Transactions on Automatic Control, 2024, Algorithm 1.

@@ -1,7 +1,7 @@
 """Primal-dual TRADES that finds the exact equilibrium although messages are lost or late.
 
-`trades` keeps the sum of its trackers at zero, and every lost message breaks that for good. Here a relaxed ADMM over
-the edges tracks the means. It has no sum to keep: whatever was lost, what comes later puts right.
+The trackers of `trades` must sum to zero, which a lost message breaks for the rest of the step. Here a relaxed ADMM
+over the edges tracks the means. No sum has to be kept, and later messages make up for lost ones.
 
 Sources: for the game, Carnevale, Fabiani, Fele, Margellos, Notarstefano, "Tracking-based distributed equilibrium
 seeking for aggregative games", IEEE TAC 2024; for the tracker, Carnevale, Bastianello, Notarstefano, Carli,
@@ -35,26 +35,25 @@ def trades_robust(
 ) -> Generator[tuple[PerNeighbour, float], Inbox, Result]:
     """Seek the variational generalised Nash equilibrium of `game` over links that lose and delay messages.
 
-    A round is one gradient step, adapt-then-combine as in `trades`, and one step of the tracker. The trackers start
-    anew in every control step, the multipliers are kept. The residual is the largest primal or dual change.
+    A round is one gradient step, adapt-then-combine as in `trades`, and one step of the tracker. The tracker starts
+    anew in every control step; the multipliers are kept. The residual is the largest primal or dual change.
 
-    The multipliers are mixed by any row-stochastic weights, so that a missing neighbour's weight may go to the agent
-    itself and a held value may stand in for a new one: in the equilibrium they are equal everywhere and none of this
-    moves them.
+    The multipliers are mixed by any row-stochastic weights: at the equilibrium they are equal everywhere, so giving a
+    missing neighbour's weight to the agent itself, or using a held value, does not move them.
 
     Args:
         game: This agent's share of the game.
         me: This agent.
-        relax: delta in (0, 1]; how far to go towards the projected step.
+        relax: delta in (0, 1], the fraction of the projected step to take.
         step: gamma, the primal step size.
         dual: N rho, the dual step size times the number of agents.
-        blend: alpha in (0, 1], how far the multipliers follow.
-        multiplier_max: Bound of the multipliers: the price of violating a constraint in a step without solution.
+        blend: alpha in (0, 1], the fraction of the dual step to take.
+        multiplier_max: Bound of the multipliers: the price of violating a constraint in a step without a solution.
         penalty: rho of the tracker; the larger, the more the neighbours' estimates weigh.
-        renew: alpha of the tracker in (0, 1], how far an edge follows what comes over it.
+        renew: alpha of the tracker in (0, 1], the fraction by which an edge variable follows a received message.
 
     Raises:
-        AlgorithmError: A setting is out of range, or a link has no opposite.
+        AlgorithmError: An option is out of range, or a link has no opposite.
     """
     u, lam = game.start(me.last), me.recall("lam", np.zeros(game.rows))
     phi = game.contribution(u)
@@ -68,12 +67,12 @@ def trades_robust(
         change = max(float(abs(new - u).max()), float(abs(nu - lam).max(initial=0.0)))
         u = new
         tracker.track(np.concatenate((game.contribution(u), game.coupling(u))))
-        inbox = yield PerNeighbour({j: {"edge": tracker.edge(j), "lam": nu} for j in me.neighbours}), change
+        inbox = yield PerNeighbour({j: {"edge": tracker.message(j), "lam": nu} for j in me.neighbours}), change
         lam = nu.copy()
         for j, payload in inbox.items():
             lam += me.neighbourhood.weights[j] * (payload["lam"] - nu)
-            if inbox.new(j):  # a held message must not count twice
-                tracker.hear(j, np.asarray(payload["edge"]))
+            if inbox.new(j):  # a held value must not count twice
+                tracker.update(j, np.asarray(payload["edge"]))
         tracker.combine()
         me.note(u=u, lam=lam, mean=tracker.mean)
         if inbox.stop:

@@ -1,4 +1,4 @@
-"""What an agent must know of the others where constraints are shared, and the problem that it makes of it."""
+"""Exchange of the shares of a game with shared constraints, and the local problem that an agent forms from them."""
 
 from dataclasses import replace
 
@@ -15,22 +15,22 @@ from dcf_zenoh.problems.share import Share, Shareable
 
 
 def gather(me: Me, game: AggregativeGame, plan: Array) -> Dialogue[dict[int, Share] | None]:
-    """Tell how the own decision enters what is shared, and learn it of all others; the own cost is told to nobody.
+    """Flood how each agent's decision enters the shared costs and constraints; its own cost stays private.
 
-    All pass on what they know, until they know of all and all neighbours have said the same; lost messages make it
-    later. It takes one or two rounds more than the graph's diameter, whose residual is infinite.
+    Agents forward all shares that they have, until they have those of all agents and all neighbours have them too. Lost
+    messages only delay it. It takes one or two rounds more than the graph's diameter; their residual is infinite.
 
     Args:
         me: This agent.
-        game: Its share of the game.
-        plan: Its decision until then, for the log.
+        game: This agent's share of the game.
+        plan: Decision of this agent for the log of these rounds, shape (n,).
 
     Returns:
-        Agent -> its share, ascending, costs of others being zero; None if the iteration is over before. Agents that
-        are lost are left out.
+        Agent -> share, ascending, without lost agents; the costs H and g of the other agents are zero. None if the
+        iteration ends before.
 
     Raises:
-        AlgorithmError: The game cannot be told as arrays.
+        AlgorithmError: The game has no `share` method.
     """
     if not isinstance(game, Shareable):
         raise AlgorithmError(f"the agents must tell their shares, and {type(game).__name__} has no method share()")
@@ -45,22 +45,22 @@ def gather(me: Me, game: AggregativeGame, plan: Array) -> Dialogue[dict[int, Sha
         me.note(u=plan)
         inbox = yield known, float("inf")
         for j, payload in inbox.items():
-            told = Share.all_in(payload)
-            if len(told) in (0, count):  # one that speaks of other things knew all before
+            received = Share.all_in(payload)
+            if len(received) in (0, count):  # without shares: a later round of a neighbour that has all of them
                 waiting.discard(j)
-            known = {**payload, **known} if told else known
+            known = {**payload, **known} if received else known
         if inbox.stop:
             return None
 
 
 def local_problem(agent: int, shares: dict[int, Share]) -> Whole:
-    """What an agent solves over copies of all decisions: the central problem, but nobody else pays for his own.
+    """Return the problem that an agent solves over copies of all decisions.
 
-    It pays its own cost and one part in N of what the agents pay for the mean, and keeps the linear constraints that it
-    takes part in, and everybody's bounds. The sum over all agents is what they minimise together.
+    Its cost is the agent's own cost and 1/N of the agents' cost of the mean; the sum over all agents is their common
+    cost. Its constraints are the bounds of all agents and the linear constraints that this agent takes part in.
 
     Raises:
-        AlgorithmError: There is no such common cost, as agents pay differently for the mean.
+        AlgorithmError: There is no common cost, as agents pay differently for the mean.
     """
     count = len(shares)
     mine = shares[agent].A.any(axis=1) if shares[agent].A.size else slice(0)
@@ -73,14 +73,15 @@ def local_problem(agent: int, shares: dict[int, Share]) -> Whole:
 
 
 def linearised(local: Whole, game: NonlinearGame, shares: dict[int, Share], near: Solution) -> Whole:
-    """`local` with the game's constraints c(y) <= 0 as they are near a solution: c + c'(y) T (v - near) <= 0.
+    """Return `local` with the game's constraints c(y) <= 0 linearised at `near`: c + c'(y) T (v - near) <= 0.
 
-    The curvature of the constraints, at their prices, is added to that of the cost; a solution without prices has none.
+    The curvature of the constraints, weighted by their prices, is added to that of the cost. Prices that `near` does
+    not have count as zero.
     """
-    told = [share for _, share in sorted(shares.items())]
-    outputs = np.array([each.T @ near.v[place] + each.t for each, place in zip(told, local.places, strict=True)])
+    outputs_of = [share for _, share in sorted(shares.items())]
+    outputs = np.array([each.T @ near.v[place] + each.t for each, place in zip(outputs_of, local.places, strict=True)])
     c, derivative = game.constraints(outputs)
-    T = block_diag(*(each.T for each in told))
+    T = block_diag(*(each.T for each in outputs_of))
     slope = derivative.reshape(len(c), -1) @ T
     prices = np.resize(np.maximum(near.prices[len(local.G) :], 0.0), len(c))
     return local._replace(

@@ -1,4 +1,4 @@
-"""A quadratic program that is solved again and again while its linear cost changes."""
+"""Quadratic program that is solved repeatedly while its linear cost changes."""
 
 from typing import NamedTuple
 
@@ -12,16 +12,16 @@ from dcf_zenoh.plant import Array, read_only
 from dcf_zenoh.problems.central import Whole
 
 TOLERANCE = 1e-9  # of the solver, absolute and relative
-INFEASIBLE = ("primal infeasible", "primal infeasible inaccurate")  # OSQP's words
+INFEASIBLE = ("primal infeasible", "primal infeasible inaccurate")  # status of OSQP
 CHECK_EVERY = 5  # iterations; a warm start needs few
 
 
 class Solution(NamedTuple):
-    """Where a solver stands.
+    """Primal and dual solution of a quadratic program.
 
     Attributes:
-        v: The minimiser, shape (n,), read-only.
-        prices: Multipliers of the rows, shape (rows,), positive at an upper limit, read-only.
+        v: Minimiser, shape (n,), read-only.
+        prices: Multipliers of the rows of G, shape (rows,), positive at an upper limit, read-only.
     """
 
     v: Array
@@ -29,23 +29,23 @@ class Solution(NamedTuple):
 
 
 class LocalQP:
-    """The v with the least v'M v / 2 + r'v + weight / 2 |v|² - pull'v under low <= G v <= high.
+    """Minimises v'M v / 2 + r'v + weight / 2 |v|² - pull'v under low <= G v <= high, for one pull after another.
 
-    It is asked for one pull after another. OSQP is set up once and keeps its factorisation; each solve starts where the
-    last one ended. Its settings count iterations, none is timed, so that the same calls give the same bits.
+    OSQP is set up once and keeps its factorisation; each solve starts from the last solution. Its settings count
+    iterations and never measure time, so the same calls give the same bits.
 
-    Where there is no such v, the inequalities are softened for good: a slack is added to each that is not a bound on a
-    component, and paid for.
+    If the program is infeasible, its inequalities are softened for good: each that is not a bound on one component gets
+    a slack with a linear cost.
 
     Args:
         whole: M, r, G, low and high.
-        weight: Not negative; positive if M is not positive definite.
-        warm: Where to start the first solve; None, or one of another shape: at zero.
-        slack_price: Of what an inequality is missed by; None: no solution is an error.
+        weight: Weight, not negative; positive if M is not positive definite.
+        warm: Start of the first solve; None, or one of another shape: zero.
+        slack_price: Cost per unit of slack; None: an infeasible program is an error.
 
     Attributes:
-        iterations: Of OSQP, in the last solve.
-        softened: There was no solution without slack.
+        iterations: Iterations of OSQP in the last solve.
+        softened: Whether the inequalities were softened.
 
     Source: Stellato, Banjac, Goulart, Bemporad, Boyd, "OSQP: an operator splitting solver for quadratic programs",
     Mathematical Programming Computation, 2020.
@@ -63,7 +63,7 @@ class LocalQP:
             self._solver.warm_start(x=np.array(warm.v), y=np.array(warm.prices))
 
     def solve(self, pull: Array) -> Solution:
-        """The minimiser for this `pull`, shape (n,).
+        """Return the solution for this `pull`, shape (n,).
 
         Raises:
             AlgorithmError: There is none, or it was not found; the message has the solver's status.
@@ -86,13 +86,13 @@ def _set_up(program: Whole) -> osqp.OSQP:
     solver.setup(
         sparse.csc_matrix(np.triu(program.M)), program.r, sparse.csc_matrix(program.G), program.low, program.high,
         verbose=False, eps_abs=TOLERANCE, eps_rel=TOLERANCE, max_iter=20_000, check_termination=CHECK_EVERY,
-        adaptive_rho_interval=25,  # counted, never timed: the same bits again
+        adaptive_rho_interval=25,  # in iterations, not in time: the same bits again
     )  # fmt: skip
     return solver
 
 
 def _softened(program: Whole, price: float) -> Whole:
-    """With a slack s >= 0 for every row of several components: G v - s <= high, at price's."""
+    """Return the program with a slack s >= 0, at cost `price`, in each inequality of several components."""
     n, soft = len(program.r), np.flatnonzero((np.count_nonzero(program.G, axis=1) > 1) & np.isinf(program.low))
     slack = np.zeros((len(program.G), len(soft)))
     slack[soft, np.arange(len(soft))] = -1.0
