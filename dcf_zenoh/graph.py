@@ -1,4 +1,4 @@
-"""Directed communication graphs, what an agent sees of one, and weight matrices on it."""
+"""Directed communication graphs, an agent's neighbourhood in one, and weight matrices."""
 
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
@@ -13,14 +13,11 @@ from dcf_zenoh.plant import Array
 
 @dataclass(frozen=True)
 class Graph:
-    """A directed graph over agents. A link (i, j) carries messages from i to j.
+    """Directed graph of agents. A link (i, j) carries messages from i to j. `Graph.of` makes one from any iterables.
 
     Attributes:
-        agents: Ids, ascending.
+        agents: Ids of the agents, ascending.
         links: Pairs (sender, receiver); no agent has a link to itself.
-
-    Raises:
-        TopologyError: A link names an agent that is not there, or joins an agent to itself.
     """
 
     agents: tuple[int, ...]
@@ -28,7 +25,11 @@ class Graph:
 
     @classmethod
     def of(cls, agents: Iterable[int], links: Iterable[Sequence[int]]) -> "Graph":
-        """A graph from any iterables, checked."""
+        """Return the graph of `agents` and `links`, each a pair (sender, receiver).
+
+        Raises:
+            TopologyError: A link is not a pair, names an agent that does not exist, or joins an agent to itself.
+        """
         ids = tuple(sorted(agents))
         known = set(ids)
         pairs = set()
@@ -46,22 +47,22 @@ class Graph:
         return cls(ids, frozenset(pairs))
 
     def in_neighbours(self, agent: int) -> tuple[int, ...]:
-        """Those `agent` hears, ascending."""
+        """Return the agents from which `agent` receives, ascending."""
         return self._neighbours[0][agent]
 
     def out_neighbours(self, agent: int) -> tuple[int, ...]:
-        """Those who hear `agent`, ascending."""
+        """Return the agents to which `agent` sends, ascending."""
         return self._neighbours[1][agent]
 
     @cached_property
     def _neighbours(self) -> tuple[dict[int, tuple[int, ...]], dict[int, tuple[int, ...]]]:
-        """Agent -> whom it hears, and agent -> who hears it."""
-        heard: dict[int, list[int]] = {agent: [] for agent in self.agents}
-        hearers: dict[int, list[int]] = {agent: [] for agent in self.agents}
+        """Agent -> in-neighbours, and agent -> out-neighbours."""
+        senders: dict[int, list[int]] = {agent: [] for agent in self.agents}
+        receivers: dict[int, list[int]] = {agent: [] for agent in self.agents}
         for i, j in sorted(self.links):
-            heard[j].append(i)
-            hearers[i].append(j)
-        return {i: tuple(js) for i, js in heard.items()}, {i: tuple(js) for i, js in hearers.items()}
+            senders[j].append(i)
+            receivers[i].append(j)
+        return {i: tuple(js) for i, js in senders.items()}, {i: tuple(js) for i, js in receivers.items()}
 
     @cached_property
     def undirected(self) -> bool:
@@ -69,7 +70,7 @@ class Graph:
         return all((j, i) in self.links for i, j in self.links)
 
     def distances(self, source: int) -> dict[int, int]:
-        """Hops from `source` to every agent that a message from it can reach, itself included (0)."""
+        """Return agent -> hops from `source`, for every agent that a message from it can reach; 0 for itself."""
         found = {source: 0}
         queue = deque([source])
         while queue:
@@ -102,13 +103,13 @@ class Graph:
 
 @dataclass(frozen=True)
 class Neighbourhood:
-    """What one agent knows of the graph: enough to exchange, to mix and to agree.
+    """One agent's part of the graph.
 
     Attributes:
         receives_from: In-neighbours, ascending.
         sends_to: Out-neighbours, ascending.
         weights: Row of the weight matrix: in-neighbour or the agent itself -> weight, ascending by id, sum 1.
-        diameter: Of the whole graph, in hops; 0 for a lone agent.
+        diameter: Diameter of the whole graph, in hops; 0 for a lone agent.
         doubly_stochastic: Whether the columns of the weight matrix sum to 1 too, so that mixing keeps the mean.
     """
 
@@ -120,20 +121,20 @@ class Neighbourhood:
 
     @classmethod
     def of(cls, graph: Graph, agent: int, weights: Array) -> "Neighbourhood":
-        """Cut agent's part out of `graph` and the weight matrix (rows and columns in order of ids)."""
+        """Return the part of `agent`, given the graph and its weight matrix (rows and columns in order of ids)."""
         row = weights[graph.agents.index(agent)]
-        heard = graph.in_neighbours(agent)
+        senders = graph.in_neighbours(agent)
         return cls(
-            receives_from=heard,
+            receives_from=senders,
             sends_to=graph.out_neighbours(agent),
-            weights={j: float(row[graph.agents.index(j)]) for j in sorted((agent, *heard))},
+            weights={j: float(row[graph.agents.index(j)]) for j in sorted((agent, *senders))},
             diameter=graph.diameter,
             doubly_stochastic=bool(np.allclose(weights.sum(axis=0), 1.0, rtol=0.0, atol=1e-12)),
         )
 
 
 def metropolis(graph: Graph) -> Array:
-    """Metropolis weights w_ij = 1 / (1 + max(d_i, d_j)), w_ii = 1 - sum_j w_ij. Doubly stochastic.
+    """Return Metropolis weights w_ij = 1 / (1 + max(d_i, d_j)), w_ii = 1 - sum_j w_ij. Doubly stochastic.
 
     Source: Xiao, Boyd, Lall, "Distributed average consensus with time-varying Metropolis weights", 2006.
 
@@ -146,13 +147,13 @@ def metropolis(graph: Graph) -> Array:
 
 
 def laplacian(graph: Graph, step: float | None = None) -> Array:
-    """Equal weights for all neighbours: W = I - step L with the graph's Laplacian L. Doubly stochastic.
+    """Return equal weights for all neighbours: W = I - step L with the graph's Laplacian L. Doubly stochastic.
 
     Source: Olfati-Saber, Fax, Murray, "Consensus and cooperation in networked multi-agent systems", 2007, eq. (19).
 
     Args:
-        graph: Undirected.
-        step: Less than 1 / d with d the most neighbours that an agent has; None: 1 / (1 + d).
+        graph: Undirected graph.
+        step: Weight of each neighbour, less than 1 / d with d the largest number of neighbours; None: 1 / (1 + d).
 
     Raises:
         TopologyError: The graph has a link without its opposite, or the step is too large.
@@ -176,7 +177,7 @@ def _check_undirected(graph: Graph, weights: str) -> None:
 
 
 def _symmetric(graph: Graph, weight: Callable[[int, int], float]) -> Array:
-    """Weights of pairs of neighbours, and of each agent itself what is left."""
+    """Return the matrix with the given weights of pairs of neighbours; each agent keeps the rest of its row."""
     column = {agent: place for place, agent in enumerate(graph.agents)}
     matrix = np.zeros((len(graph.agents), len(graph.agents)))
     for row, i in enumerate(graph.agents):
@@ -187,27 +188,29 @@ def _symmetric(graph: Graph, weight: Callable[[int, int], float]) -> Array:
 
 
 def uniform(graph: Graph) -> Array:
-    """Equal weights 1 / (1 + in-degree) on an agent and all it hears. Row-stochastic on any graph."""
-    return _by_rows(graph, lambda _row, heard: (1.0 / (1 + heard), 1.0 / (1 + heard)))
+    """Return equal weights 1 / (1 + in-degree) for an agent and its in-neighbours. Row-stochastic on any graph."""
+    return _by_rows(graph, lambda _row, degree: (1.0 / (1 + degree), 1.0 / (1 + degree)))
 
 
 def uneven(graph: Graph) -> Array:
-    """Agent number k = 1, 2, ... in order of ids keeps k / (k + 1) for itself, and those it hears share the rest.
+    """Return weights that are row-stochastic on any graph and doubly stochastic on almost none.
 
-    Row-stochastic on any graph, and doubly stochastic on next to none, not even on a directed ring: to see what an
-    algorithm does then.
+    Agent number k = 1, 2, ... in order of ids keeps k / (k + 1) for itself and divides the rest evenly among its
+    in-neighbours. Not even a directed ring keeps the mean, which tests what an algorithm does then.
     """
-    return _by_rows(graph, lambda row, heard: ((row + 1) / (row + 2), 1.0 / (row + 2) / heard) if heard else (1.0, 0.0))
+    return _by_rows(
+        graph, lambda row, degree: ((row + 1) / (row + 2), 1.0 / (row + 2) / degree) if degree else (1.0, 0.0)
+    )
 
 
 def _by_rows(graph: Graph, weights: Callable[[int, int], tuple[float, float]]) -> Array:
-    """Of an agent's row and how many it hears: the weights of the agent itself and of each that it hears."""
+    """Return the matrix whose rows `weights` defines: row, in-degree -> own weight, weight of each in-neighbour."""
     column = {agent: place for place, agent in enumerate(graph.agents)}
     matrix = np.zeros((len(graph.agents), len(graph.agents)))
     for row, i in enumerate(graph.agents):
-        heard = graph.in_neighbours(i)
-        matrix[row, row], other = weights(row, len(heard))
-        for j in heard:
+        senders = graph.in_neighbours(i)
+        matrix[row, row], other = weights(row, len(senders))
+        for j in senders:
             matrix[row, column[j]] = other
     return matrix
 

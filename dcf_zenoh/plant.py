@@ -1,4 +1,4 @@
-"""What a plant is: the body an agent senses and acts on."""
+"""Interface of a plant, the body that an agent senses and acts on."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable
@@ -13,20 +13,20 @@ Pauses: TypeAlias = Iterable[float] | None
 
 
 def read_only(values: npt.ArrayLike) -> Array:
-    """A float64 copy of `values` that nobody can change."""
+    """Return a read-only float64 copy of `values`."""
     array = np.array(values, dtype=np.float64)
     array.setflags(write=False)
     return array
 
 
 def nothing() -> Array:
-    """An array without entries."""
+    """Return an empty array, shape (0,)."""
     return read_only([])
 
 
 @dataclass(frozen=True, slots=True)
 class State:
-    """What an agent knows of its own body at one instant, world frame.
+    """Measured state of an agent's body at one instant, world frame.
 
     Attributes:
         position: Shape (d,), in m; d is 2 or 3, and 0 for an agent without a plant.
@@ -44,13 +44,13 @@ class State:
 
 @dataclass(frozen=True, slots=True)
 class Setpoint:
-    """What a controller asks of a plant, world frame. A plant follows the fields that it can track.
+    """Command of a controller to a plant, world frame. A plant follows the fields that it can track.
 
     Attributes:
         position: Shape (d,), in m.
         velocity: Shape (d,), in m/s.
-        acceleration: Shape (d,), in m/s², held until the next setpoint. None means: come to rest as fast
-            as the body can, and stay.
+        acceleration: Shape (d,), in m/s², held until the next setpoint. None: come to rest as fast as the body can,
+            and stay.
     """
 
     position: Array = field(default_factory=nothing)
@@ -59,7 +59,7 @@ class Setpoint:
 
     @classmethod
     def hold(cls, state: State) -> "Setpoint":
-        """Come to rest near where `state` is."""
+        """Return the setpoint that comes to rest near `state`."""
         return cls(state.position, np.zeros_like(state.velocity), None)
 
     @property
@@ -70,12 +70,12 @@ class Setpoint:
 
 
 class Check(NamedTuple):
-    """One thing that was looked at before the take-off.
+    """Result of one check before the take-off.
 
     Attributes:
-        name: Such as 'battery'.
-        value: What was found, with its unit: '3.92 V'.
-        problem: What is wrong with it; empty if nothing is.
+        name: Name of the check, such as 'battery'.
+        value: Value found, with its unit, such as '3.92 V'.
+        problem: Reason why the agent must not take off; empty if there is none.
     """
 
     name: str
@@ -84,25 +84,25 @@ class Check(NamedTuple):
 
 
 class Plant(ABC):
-    """The body of one agent, simulated or real.
+    """Body of one agent, simulated or real.
 
-    Time is an argument, in ns since the fleet's start: a simulated plant integrates itself up to `now`, real
-    hardware ignores it. So one class serves both clocks, and a setpoint that arrives late acts late.
+    Time is an argument, in ns since the fleet's start: a simulated plant integrates its motion up to `now`, real
+    hardware ignores it. So one class serves both clocks, and a late setpoint acts late.
 
-    A flight has phases: `prepare`, `inspect`, `arm`, `take_off`, `settle`, `go_to_start`, then `start` and the steps of
-    the run, last `finish`. After each phase before the start the agents of a fleet wait for each other, and where one
-    of them raises an exception, nobody goes on. A phase that takes real time is a generator: it yields how long to
-    wait, in s, until it wants to look again, and the agent stays within reach meanwhile. A simulated plant leaves out
-    what it does not need, and what it does takes no time of the fleet.
+    The phases of a flight are `prepare`, `inspect`, `arm`, `take_off`, `settle`, `go_to_start`, then `start` and the
+    steps of the run, and last `finish`. After each phase before `start` all agents of a fleet wait for each other; if
+    one raises an exception, none goes on. A phase that takes real time is a generator: it yields the time, in s, until
+    it is to be resumed, and the agent handles messages meanwhile. A simulated plant overrides only the phases that it
+    needs; they take no time of the fleet.
 
-    A constructor's positional parameters are filled in by name from what the framework knows of the agent:
-    `agent` (id), `start` (position, shape (d,), m), `sample_time` (s), `rng` (numpy Generator, seeded from the
-    fleet's seed and the agent's id). Its keyword-only parameters are the keys of its table in a fleet file.
+    The constructor's positional parameters are filled in by name: `agent` (id), `start` (position, shape (d,), m),
+    `sample_time` (s), `rng` (numpy Generator, seeded from the fleet's seed and the agent's id). Its keyword-only
+    parameters are the keys of its table in a fleet file.
 
     Attributes:
-        real: It moves in the real world: a person has to agree to the take-off, and time is that of the wall clock.
-        landing_time: Longest time that `finish` takes, s.
-        own_keys: Keys of its table whose values no two agents may share; `owned` says which values are the same.
+        real: Whether it moves in the real world: a person must agree to the take-off, and time is the wall clock's.
+        landing_time: Longest duration of `finish`, in s.
+        own_keys: Keys of its table whose values no two agents may share; `owned` defines which values are equal.
     """
 
     real: ClassVar[bool] = False
@@ -111,17 +111,17 @@ class Plant(ABC):
 
     @classmethod
     def owned(cls, key: str, value: object) -> object:  # noqa: ARG003
-        """What is taken by a `value` of one of `own_keys`; equal for two values that mean the same thing."""
+        """Return what a `value` of one of `own_keys` refers to; equal for two values that mean the same thing."""
         return value
 
     def prepare(self) -> Pauses:
         """Connect; nothing moves. Called once, before any other method."""
 
     def inspect(self) -> Pauses:
-        """Find out whether it can fly; nothing moves. What was found is told by `checks`."""
+        """Find out whether the body can fly; nothing moves. `checks` returns the findings."""
 
     def checks(self) -> tuple[Check, ...]:
-        """What `inspect` has found. Where there is a problem, nobody takes off."""
+        """Return the findings of `inspect`. If one has a problem, no agent of the fleet takes off."""
         return ()
 
     def arm(self) -> Pauses:
@@ -131,7 +131,7 @@ class Plant(ABC):
         """Leave the ground."""
 
     def settle(self) -> Pauses:
-        """Wait until it hovers still."""
+        """Wait until the body hovers at rest."""
 
     def go_to_start(self) -> Pauses:
         """Fly to the start position."""
@@ -140,39 +140,39 @@ class Plant(ABC):
         """Get ready to follow setpoints from `now` on, which is fleet time 0."""
 
     def resume(self, state: State, now: int) -> None:  # noqa: ARG002
-        """Take over in the middle of a run, in place of all phases but `prepare`: the daemon was started again.
+        """Continue in the middle of a run after a restart of the daemon, in place of all phases but `prepare`.
 
-        A simulated plant goes on from the last `state` that is known, and comes to rest; a real one senses where it is.
+        A simulated plant starts from `state`, the last that is known, and comes to rest; a real one senses where it is.
         """
         self.start(now)
 
     @abstractmethod
     def sense(self, now: int) -> State:
-        """The state at `now`. Instants never decrease over the life of a plant."""
+        """Return the state at `now`, in ns, read-only. `now` never decreases over the life of a plant."""
 
     @abstractmethod
     def act(self, setpoint: Setpoint, now: int) -> None:
-        """Follow `setpoint` from `now` on."""
+        """Follow `setpoint` from `now` on, in ns."""
 
     def finish(self, now: int, reason: str) -> Pauses:
         """Come to rest (land, for a drone), because of `reason`.
 
-        Called at the end of every run, however it ends, if `arm` was called before. Safe to call where it has landed.
+        Called at the end of every run, however it ends, if `arm` was called before. Safe to call after a landing.
         """
 
     def close(self) -> None:
-        """Release what `prepare` took. Safe to call twice, and after a failed `prepare`."""
+        """Release what `prepare` acquired. Safe to call twice, and after a failed `prepare`."""
 
     def emergency_stop(self) -> None:
         """Stop all motion at once. Callable from any thread, never through the agent's loop."""
 
 
 class NoPlant(Plant):
-    """The plant of an agent that only computes: nothing to sense, nothing to act on."""
+    """Plant of an agent that only computes: there is nothing to sense or to move."""
 
     def sense(self, now: int) -> State:  # noqa: ARG002
-        """An empty state."""
+        """Return an empty state."""
         return State()
 
     def act(self, setpoint: Setpoint, now: int) -> None:
-        """Nothing to do."""
+        """Do nothing."""

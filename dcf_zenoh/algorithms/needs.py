@@ -55,7 +55,7 @@ class Needs:
     agents: int
 
     def of_problem(self, problem: object, name: str) -> str | None:
-        """Return why a problem, or every problem of a class, is refused; None if it is not, or if it cannot be told.
+        """Return why a problem, or every problem of a class, is refused; None if it is not, or if that is unknown.
 
         An object that derives from no structure passes if it has the methods of one of `structures`.
 

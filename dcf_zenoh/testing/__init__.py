@@ -1,5 +1,7 @@
-"""What algorithms, problems, topologies, plants and faults must satisfy, built-in or anybody's; and a fleet in a plain
-loop, to drive algorithms.
+"""Contract checks for algorithms, problems, topologies, plants and faults, and a fleet in a plain loop.
+
+Each kind, built-in or third-party, must pass the check of its family. The loop runs algorithms and controllers in
+lockstep, without messages and clock.
 """
 
 from dcf_zenoh.testing.algorithm import check_algorithm

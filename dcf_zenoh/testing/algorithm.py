@@ -1,4 +1,4 @@
-"""What an algorithm must satisfy, built-in or anybody's."""
+"""Contract check for algorithms."""
 
 from collections.abc import Callable, Iterator, Mapping
 from itertools import combinations
@@ -9,26 +9,26 @@ import numpy as np
 from dcf_zenoh.algorithms.algorithm import Algorithm, Inbox, Result
 from dcf_zenoh.graph import Graph
 from dcf_zenoh.testing.equality import same_payload
-from dcf_zenoh.testing.lockstep import as_heard, as_sent, fleet_of, lockstep, residual_of
+from dcf_zenoh.testing.lockstep import as_received, as_sent, fleet_of, lockstep, residual_of
 
 
 def check_algorithm(
     algorithm: Algorithm, problems: Callable[[], Mapping[int, Any]], graph: Graph, *, rounds: int = 6
 ) -> None:
-    """The contract of an algorithm, on one problem and graph.
+    """Check the contract of an algorithm on one problem and graph.
 
-    It returns a result in the very round in which `inbox.stop` is set, whichever that is and whoever is missing in it;
-    it changes nothing it received; its residuals are numbers >= 0 and its decisions finite; and it does the same again
-    when everything is the same.
+    The algorithm returns a result in the round in which `inbox.stop` is set, in every round and with any neighbours
+    missing. It does not modify what it received. Its residuals are numbers >= 0 and its decisions finite. Equal inputs
+    give equal results.
 
     Args:
-        algorithm: Options bound.
-        problems: Makes fresh problems, agent -> what it solves.
-        graph: Who hears whom.
-        rounds: How far to go.
+        algorithm: Algorithm with its options bound.
+        problems: Makes new problems, agent -> problem.
+        graph: Topology.
+        rounds: Largest number of rounds to try.
 
     Raises:
-        AssertionError: It breaks the contract; the message says how.
+        AssertionError: The algorithm breaks the contract; the message states how.
     """
     for last in range(1, rounds + 1):
         first, second = (lockstep(algorithm, problems(), fleet_of(graph), last) for _ in range(2))
@@ -50,15 +50,15 @@ def _subsets(agents: tuple[int, ...]) -> Iterator[tuple[int, ...]]:
 def _check_missing(
     algorithm: Algorithm, problems: Mapping[int, Any], graph: Graph, agent: int, missing: tuple[int, ...], *, stop: bool
 ) -> None:
-    """One round in which some neighbours are missing."""
+    """Check one round in which some neighbours are missing."""
     running = {i: algorithm(problems[i], me) for i, me in fleet_of(graph).items()}
-    said = {i: next(dialogue)[0] for i, dialogue in running.items()}
-    sent = {i: as_sent(payload) for i, payload in said.items()}
-    before = {i: as_sent(payload) for i, payload in said.items()}
-    heard = {j: as_heard(agent, said[j], sent[j]) for j in graph.in_neighbours(agent) if j not in missing}
+    yielded = {i: next(dialogue)[0] for i, dialogue in running.items()}
+    sent = {i: as_sent(payload) for i, payload in yielded.items()}
+    before = {i: as_sent(payload) for i, payload in yielded.items()}
+    received = {j: as_received(agent, yielded[j], sent[j]) for j in graph.in_neighbours(agent) if j not in missing}
     place = f"agent {agent}, {list(missing)} missing, stop is {stop}"
     try:
-        payload, residual = running[agent].send(Inbox(sent[agent], heard, stop=stop, missing=missing))
+        payload, residual = running[agent].send(Inbox(sent[agent], received, stop=stop, missing=missing))
     except StopIteration as finished:
         assert stop, f"{place}: it returned without need"
         assert isinstance(finished.value, Result), f"{place}: it returned {finished.value!r:.60}"

@@ -1,4 +1,4 @@
-"""What a fault of links must satisfy, built-in or anybody's."""
+"""Contract check for faults of links."""
 
 from collections.abc import Callable, Iterator
 from copy import deepcopy
@@ -12,22 +12,23 @@ from dcf_zenoh.testing.equality import same_payload
 
 
 def check_fault(make: Callable[[], Fault], *, messages: int = 200) -> None:
-    """The contract of a fault on a link.
+    """Check the contract of a fault on a link.
 
-    It does the same again when the messages and their random numbers are the same, whatever another instance of it
-    sees; it keeps no generator beyond the message that it got it for; what comes out is due at a whole ns, never before
-    it entered, and can be sent; and it changes nothing that it received, which is other receivers' message too.
+    Equal messages and random numbers give equal deliveries, independent of other instances of the fault. The fault
+    keeps no generator beyond the message that it got it for. Each delivery is due at a whole number of ns, not before
+    the message entered, and its payload can be sent. The fault does not modify the payload that it got, which other
+    receivers share.
 
     Args:
-        make: Makes a fresh fault of one link, the same each time.
-        messages: How many it gets.
+        make: Makes a new fault of one link, the same each time.
+        messages: Number of messages to try.
 
     Raises:
-        AssertionError: It breaks the contract; the message says how.
+        AssertionError: The fault breaks the contract; the message states how.
     """
     fault, again, elsewhere = make(), make(), make()
     assert isinstance(fault.STAGE, Stage), f"STAGE is {fault.STAGE!r}, expected a member of Stage"
-    shared = np.random.Generator(np.random.Philox(0))  # what a link does: one generator, set anew for each message
+    shared = np.random.Generator(np.random.Philox(0))  # as on a link: one generator, seeded anew for each message
     for number, delivery in enumerate(_deliveries(messages)):
         place = f"message {number}"
         before = deepcopy(dict(delivery.message.payload))
@@ -46,7 +47,7 @@ def check_fault(make: Callable[[], Fault], *, messages: int = 200) -> None:
 
 
 def _check_conveyed(conveyed: Delivery, delivery: Delivery, place: str) -> None:
-    """One of the deliveries that came out for `delivery`."""
+    """Check one of the deliveries that the fault returned for `delivery`."""
     assert isinstance(conveyed, Delivery), f"{place}: it returned {conveyed!r:.60}; expected deliveries"
     due = conveyed.due
     assert type(due) is int, f"{place}: due at {due!r}, expected a whole number of ns"
@@ -60,7 +61,7 @@ def _check_conveyed(conveyed: Delivery, delivery: Delivery, place: str) -> None:
 
 
 def _deliveries(count: int) -> Iterator[Delivery]:
-    """Messages of all sorts on one link from agent 1 to agent 2: two phases, goodbyes, pauses and crowds."""
+    """Yield varied messages from agent 1 to agent 2: two kinds of payload and an empty one, with pauses and bursts."""
     rng = np.random.default_rng(0)
     entered = 0
     for number in range(count):

@@ -1,4 +1,4 @@
-"""What a simulated plant must satisfy, built-in or anybody's."""
+"""Contract check for simulated plants."""
 
 from collections.abc import Callable
 
@@ -8,15 +8,15 @@ from dcf_zenoh.plant import Plant, Setpoint
 
 
 def check_plant(make: Callable[[], Plant], *, sample_time: int = 200_000_000, steps: int = 20) -> None:
-    """The contract of a simulated plant: sensing changes nothing, states are read-only, holding comes to rest.
+    """Check the contract of a simulated plant: sensing changes nothing, states are read-only, holding comes to rest.
 
     Args:
-        make: Makes a fresh plant, the same each time.
-        sample_time: In ns.
-        steps: How many setpoints it gets.
+        make: Makes a new plant, the same each time.
+        sample_time: Time between setpoints, in ns.
+        steps: Number of setpoints to try.
 
     Raises:
-        AssertionError: It breaks the contract; the message says how.
+        AssertionError: The plant breaks the contract; the message states how.
     """
     seldom, often = make(), make()
     for plant in (seldom, often):

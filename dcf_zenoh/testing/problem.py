@@ -1,4 +1,4 @@
-"""What a problem must satisfy, structure by structure: tried at random points, built-in problem or anybody's."""
+"""Contract check for problems, structure by structure, at random points."""
 
 from collections.abc import Callable
 
@@ -16,23 +16,23 @@ from dcf_zenoh.problems.problem import (
 )
 from dcf_zenoh.problems.share import Share, Shareable
 
-TOLERANCE = 1e-7  # relative to what is compared
+TOLERANCE = 1e-7  # relative to the compared values
 
 
 def check_problem(make: Callable[[], object], *, points: int = 20, spread: float = 3.0) -> None:
-    """The contract of a problem that derives from structures of `dcf_zenoh.problems.problem`.
+    """Check the contract of a problem that derives from structures of `dcf_zenoh.problems.problem`.
 
-    It does the same again and changes no argument. A cost is convex, gradients are its gradients or subgradients, and
-    what ADMM asks for is the least of its kind. Projections are those on convex sets, shared constraints are linear,
-    and what `share` tells is the same problem. Which of this applies follows from the structures.
+    Equal arguments give equal results and are not modified. Costs are convex, gradients are their gradients or
+    subgradients, and `argmin` and `respond` return minimisers. Projections are projections on convex sets, shared
+    constraints are linear, and `share` describes the same problem. The structures decide which of this applies.
 
     Args:
-        make: Makes the problem, the same each time: of a problem that is posed in every step, what `at` returns.
-        points: How many random points are tried.
-        spread: Their standard deviation.
+        make: Makes the problem, the same each time; for a problem that is posed in every step, the result of its `at`.
+        points: Number of random points to try.
+        spread: Standard deviation of the points.
 
     Raises:
-        AssertionError: It breaks the contract; the message says how.
+        AssertionError: The problem breaks the contract; the message states how.
     """
     problem, again = make(), make()
     rng = np.random.default_rng(0)
@@ -58,7 +58,7 @@ Draw = Callable[..., Array]
 
 
 def _same(one: Array, other: Array, what: str) -> None:
-    """Two arrays that must be equal but for rounding."""
+    """Check that two arrays are equal within `TOLERANCE`."""
     assert np.shape(one) == np.shape(other), f"{what}: shape {np.shape(one)}, expected {np.shape(other)}"
     scale = 1 + float(abs(np.asarray(other)).max(initial=0.0))
     gap = float(abs(np.asarray(one) - other).max(initial=0.0))
@@ -70,7 +70,7 @@ def _at_most(one: float, other: float, what: str) -> None:
 
 
 def _repeated(one: Array, other: Array, shape: tuple[int, ...], what: str) -> Array:
-    """A result that must be finite, of this shape, and the same again."""
+    """Check that a result is finite, of this shape and repeatable, and return it."""
     assert np.shape(one) == shape, f"{what} has shape {np.shape(one)}, expected {shape}"
     assert np.isfinite(one).all(), f"{what} is not finite: {one}"
     assert np.array_equal(one, other), f"{what} is not repeatable: {one}, then {other}"
@@ -78,7 +78,7 @@ def _repeated(one: Array, other: Array, shape: tuple[int, ...], what: str) -> Ar
 
 
 def _check_projection(project: Callable[[Array], Array], x: Array, y: Array) -> None:
-    """What is projected stays, and two points come no farther apart."""
+    """Check that projected points stay, and that projecting moves no two points apart."""
     near, other = project(x), project(y)
     _same(project(read_only(near)), near, "project(project(x))")
     _at_most(float(np.linalg.norm(near - other)), float(np.linalg.norm(x - y)), "distance of two projections")
@@ -194,11 +194,11 @@ def _check_nonlinear(problem: NonlinearGame, again: NonlinearGame, u: Array, dra
     c, derivative = problem.constraints(outputs)
     _repeated(c, again.constraints(outputs)[0], (c.size,), "constraints(outputs)")
     _repeated(derivative, again.constraints(outputs)[1], (c.size, count, size), "constraints(outputs)")
-    step, way = 1e-6, drawn(count, size)
-    ends = [problem.constraints(read_only(outputs + sign * step * way))[0] for sign in (1, -1)]
-    steepness, told = (ends[0] - ends[1]) / (2 * step), (derivative * way).sum(axis=(1, 2))
-    gap = float(abs(steepness - told).max(initial=0.0))
-    assert gap < 1e-4 * (1 + float(abs(told).max(initial=0.0))), f"constraints: {told}, but they rise by {steepness}"
+    step, direction = 1e-6, drawn(count, size)
+    ends = [problem.constraints(read_only(outputs + sign * step * direction))[0] for sign in (1, -1)]
+    steepness, slope = (ends[0] - ends[1]) / (2 * step), (derivative * direction).sum(axis=(1, 2))
+    gap = float(abs(steepness - slope).max(initial=0.0))
+    assert gap < 1e-4 * (1 + float(abs(slope).max(initial=0.0))), f"constraints: {slope}, but they rise by {steepness}"
     prices = abs(drawn(c.size))
     curvature = problem.curvature(outputs, prices)
     _repeated(curvature, again.curvature(outputs, prices), (outputs.size, outputs.size), "curvature(outputs, prices)")

@@ -1,4 +1,4 @@
-"""What a topology must satisfy, built-in or anybody's."""
+"""Contract check for topologies."""
 
 from collections.abc import Callable, Iterable, Sequence
 
@@ -6,15 +6,16 @@ from dcf_zenoh.graph import Graph
 
 
 def check_topology(topology: Callable[[tuple[int, ...]], Iterable[Sequence[int]]], *counts: int) -> None:
-    """The contract of a topology: pairs of different agents among those that there are, connected, the same again.
+    """Check the contract of a topology: pairs of different agents of the fleet, strongly connected, repeatable.
 
     Args:
-        topology: Options bound.
-        counts: Numbers of agents to try it with; without any, 1 to 8.
+        topology: Topology with its options bound.
+        counts: Numbers of agents to try; without any, 1 to 8.
 
     Raises:
-        TopologyError: A pair is none, names an agent that is not there, or there is no way from one agent to another.
-        AssertionError: It breaks the contract in another way; the message says how.
+        TopologyError: A link is not a pair, names an agent that does not exist, or joins an agent to itself; or there
+            is no path from one agent to another.
+        AssertionError: The topology is not repeatable.
     """
     for count in counts or range(1, 9):
         agents = tuple(3 * place + 2 for place in range(count))  # ids are any numbers
