@@ -1,0 +1,30 @@
+"""A radio with time slots: each sender has to wait for its own (TDMA)."""
+from dcf_zenoh.faults.fault import Fault, Stage
+
+
+class TimeSlots(Fault):
+    """One message leaves in each slot of the sender; sender s has slot s mod count of each frame.
+
+    Args:
+        sender: Id of the sender of this link.
+        slot: Length of a slot, s.
+        count: Slots in a frame.
+    """
+
+    STAGE = Stage.QUEUE
+    LOSES = False
+
+    def __init__(self, sender: int, *, slot: float, count: int):
+        if not slot > 0 or count < 1:
+            raise ValueError(f"slot must be positive, in s, and count at least 1, not {slot} and {count}")
+        self.slot = round(slot * 1e9)  # ns, as all times of messages
+        self.frame = count * self.slot
+        self.offset = sender % count * self.slot
+        self.free = 0  # from then on a slot is free, ns
+
+    def apply(self, delivery, rng):
+        """Put the message off until a slot of its sender begins in which no other message leaves."""
+        ready = max(delivery.due, self.free)
+        due = ready + (self.offset - ready) % self.frame
+        self.free = due + 1
+        return [delivery._replace(due=due)]
