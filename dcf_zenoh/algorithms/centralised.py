@@ -42,7 +42,6 @@ def centralised(problem: Shareable, me: Me, *, hub: int | None = None) -> Dialog
     while True:
         if me.id == solver and not answer and len(shares := Share.all_in(known)) == me.count:
             answer = {f"{ANSWER}{i}": u for i, u in solve_together(shares).items()}
-        own = answer.get(f"{ANSWER}{me.id}")
         inbox = yield answer or known, 0.0 if answer else float("inf")
         for payload in inbox.values():
             received = {name: value for name, value in payload.items() if name.startswith(ANSWER)}
