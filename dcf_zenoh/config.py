@@ -49,11 +49,11 @@ def load(
     for change in changes:
         draft.change(change)
     draft.complete()
-    spec = validate(draft.table, draft.problems) if lay_out(draft) else None
+    spec = validate(draft.table, draft.diagnostics) if lay_out(draft) else None
     if spec is not None:
-        check(spec, draft.folder, draft.problems, draft.notes, run_plugins=run_plugins, unused=unused)
-    if spec is None or draft.problems:
-        raise ConfigurationError(draft.problems.lines, draft.source)
+        check(spec, draft.folder, draft.diagnostics, draft.notes, run_plugins=run_plugins, unused=unused)
+    if spec is None or draft.diagnostics:
+        raise ConfigurationError(draft.diagnostics.lines, draft.source)
     spec = with_defaults(spec, draft.folder, run_plugins=run_plugins)
     return LoadedFleet(spec, draft.folder, draft.source, tuple(draft.notes))
 

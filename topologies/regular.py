@@ -44,15 +44,15 @@ def regular(agents: Sequence[int], *, degree: int | None = None, seed: int = 0) 
 
 def _pairing(rng: np.random.Generator, agents: Sequence[int], degree: int) -> list[tuple[int, int]] | None:
     """Join two agents that both lack neighbours, until none does; None if those left are neighbours already."""
-    lacking = dict.fromkeys(agents, degree)
+    missing = dict.fromkeys(agents, degree)
     pairs: set[tuple[int, int]] = set()
-    while any(lacking.values()):
-        free = [(i, j) for i in agents for j in agents if i < j and lacking[i] and lacking[j] and (i, j) not in pairs]
+    while any(missing.values()):
+        free = [(i, j) for i in agents for j in agents if i < j and missing[i] and missing[j] and (i, j) not in pairs]
         if not free:
             return None
-        odds = np.array([lacking[i] * lacking[j] for i, j in free], dtype=np.float64)
+        odds = np.array([missing[i] * missing[j] for i, j in free], dtype=np.float64)
         i, j = free[rng.choice(len(free), p=odds / odds.sum())]
         pairs.add((i, j))
-        lacking[i] -= 1
-        lacking[j] -= 1
+        missing[i] -= 1
+        missing[j] -= 1
     return sorted(pairs)

@@ -37,9 +37,9 @@ def freeze(fleet: LoadedFleet, run_directory: Path) -> LoadedFleet:
         file = _write_all(fleet, run_directory)
     except OSError as error:
         raise RecordingError(f"{run_directory}: cannot be written: {error.strerror}") from error
-    spec = validate(tomllib.loads(file.read_text(encoding="utf-8")), problems := Diagnostics())
-    if spec is None or problems:
-        raise ConfigurationError(problems.lines, str(file))
+    spec = validate(tomllib.loads(file.read_text(encoding="utf-8")), diagnostics := Diagnostics())
+    if spec is None or diagnostics:
+        raise ConfigurationError(diagnostics.lines, str(file))
     return LoadedFleet(spec, run_directory, str(file), fleet.notes)
 
 

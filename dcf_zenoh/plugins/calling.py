@@ -27,10 +27,10 @@ def create(plugin: Plugin, context: Mapping[str, Any], options: Mapping[str, Any
     Raises:
         PluginError: Options do not fit, a positional parameter is not in the context, or the call fails.
     """
-    values, problems = check_options(plugin, options, where)
-    problems += [f"{where}: {problem}" for problem in check_positional(plugin, context)]
-    if problems:
-        raise PluginError(problems)
+    values, errors = check_options(plugin, options, where)
+    errors += [f"{where}: {text}" for text in check_positional(plugin, context)]
+    if errors:
+        raise PluginError(errors)
     try:
         return plugin(*(context[name] for name in positional(plugin)), **values)
     except Exception as error:
@@ -43,18 +43,18 @@ def bind(plugin: Plugin, options: Mapping[str, Any], where: str) -> Plugin:
     Raises:
         PluginError: Options do not fit.
     """
-    values, problems = check_options(plugin, options, where)
-    if problems:
-        raise PluginError(problems)
+    values, errors = check_options(plugin, options, where)
+    if errors:
+        raise PluginError(errors)
     return functools.partial(plugin, **values)
 
 
 def check_options(plugin: Plugin, options: Mapping[str, Any], where: str) -> tuple[dict[str, Any], list[str]]:
     """Return the values that `plugin` gets for `options`, and one line for each key that does not fit or is missing."""
     schema = accepted(plugin)
-    values, problems = schema.convert(options)
-    problems |= schema.missing(options)
-    return values, [f"{where}.{key}: {text}" for key, text in problems.items()]
+    values, errors = schema.convert(options)
+    errors |= schema.missing(options)
+    return values, [f"{where}.{key}: {text}" for key, text in errors.items()]
 
 
 def check_positional(plugin: Plugin, context: Iterable[str]) -> list[str]:

@@ -70,10 +70,10 @@ class Schema:
         """
         known = {parameter.name: parameter for parameter in self.parameters}
         values: dict[str, Any] = {}
-        problems: dict[str, str] = {}
+        errors: dict[str, str] = {}
         for key, value in options.items():
             if key not in known:
-                problems[key] = self._unknown(key, known)
+                errors[key] = self._unknown(key, known)
                 continue
             try:
                 if (table := known[key].table) is None:
@@ -83,12 +83,12 @@ class Schema:
                     raise ValueError(f"expected a table, not {show(value)}{moved}")
                 else:
                     inner, found = table.convert(value)
-                    problems |= {f"{key}.{name}": text for name, text in found.items()}
+                    errors |= {f"{key}.{name}": text for name, text in found.items()}
                     if table.make is not None and not found and not table.missing(value):
                         values[key] = table.make(**(table.defaults | inner))
             except ValueError as error:
-                problems[key] = str(error)
-        return values, problems
+                errors[key] = str(error)
+        return values, errors
 
     def _unknown(self, key: str, known: Iterable[str]) -> str:
         if key in self.renamed:

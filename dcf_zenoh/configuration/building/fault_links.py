@@ -138,10 +138,10 @@ class Recipe:
             PluginError: It cannot be loaded, or the keys do not fit.
         """
         plugin = load("faults", table.kind, folder)
-        values, problems = check_options(plugin, table.options, name)
-        problems += [f"{name}: {text}" for text in check_signature("faults", plugin)]
-        if problems:
-            raise PluginError(problems)
+        values, errors = check_options(plugin, table.options, name)
+        errors += [f"{name}: {text}" for text in check_signature("faults", plugin)]
+        if errors:
+            raise PluginError(errors)
         return cls(name, plugin, values, folder, tuple(positional(plugin)))
 
     @property

@@ -7,7 +7,7 @@ from dcf_zenoh.spec import FleetSpec
 GO_ON = ", by safety.neighbour_silent.then = 'land'; 'continue' goes on"
 
 
-def check_agents(spec: FleetSpec, problems: Diagnostics, notes: list[str]) -> list[str]:
+def check_agents(spec: FleetSpec, diagnostics: Diagnostics, notes: list[str]) -> list[str]:
     """Note what is wrong with the faults of agents.
 
     Returns:
@@ -19,21 +19,21 @@ def check_agents(spec: FleetSpec, problems: Diagnostics, notes: list[str]) -> li
         key, faults = f"agents.{agent}.faults", own.faults
         gone: dict[str, float] = {}
         if faults.crash:
-            _check_begin(spec, f"{key}.crash.at", faults.crash.at, problems)
+            _check_begin(spec, f"{key}.crash.at", faults.crash.at, diagnostics)
             back = faults.crash.restart_after
             gone[f"{key}.crash"] = LONGEST if back is None else back
             if back is not None and back > LONGEST:
-                problems.add(f"{key}.crash.restart_after", f"expected at most {LONGEST:g} s, not {back:g}")
+                diagnostics.add(f"{key}.crash.restart_after", f"expected at most {LONGEST:g} s, not {back:g}")
         if faults.pause:
-            check_window(spec, f"{key}.pause", faults.pause, problems)
+            check_window(spec, f"{key}.pause", faults.pause, diagnostics)
             gone[f"{key}.pause"] = faults.pause[1] - faults.pause[0]
             if faults.crash and faults.crash.restart_after is None and faults.pause[0] >= faults.crash.at:
-                problems.add(f"{key}.pause", f"begins when the agent is dead, from {faults.crash.at:g} s on")
+                diagnostics.add(f"{key}.pause", f"begins when the agent is dead, from {faults.crash.at:g} s on")
         if faults.slow:
             if faults.slow.during is not None:
-                check_window(spec, f"{key}.slow.during", faults.slow.during, problems)
+                check_window(spec, f"{key}.slow.during", faults.slow.during, diagnostics)
             if faults.slow.factor > LONGEST:
-                problems.add(f"{key}.slow.factor", f"expected at most {LONGEST:g}, not {faults.slow.factor:g}")
+                diagnostics.add(f"{key}.slow.factor", f"expected at most {LONGEST:g}, not {faults.slow.factor:g}")
             if spec.time.clock == "virtual" and spec.exchange.compute_time == 0:
                 notes.append(f"{key}.slow: without effect on the virtual clock, as exchange.compute_time is 0")
         absences += gone
@@ -45,17 +45,17 @@ def check_agents(spec: FleetSpec, problems: Diagnostics, notes: list[str]) -> li
     return absences
 
 
-def check_window(spec: FleetSpec, key: str, window: tuple[float, float], problems: Diagnostics) -> None:
+def check_window(spec: FleetSpec, key: str, window: tuple[float, float], diagnostics: Diagnostics) -> None:
     """Check begin and end of something in the run, in s."""
     begin, end = window
     if begin >= end:
-        problems.add(key, f"expected begin < end, not [{begin:g}, {end:g}]")
+        diagnostics.add(key, f"expected begin < end, not [{begin:g}, {end:g}]")
     if end > LONGEST:
-        problems.add(key, f"expected at most {LONGEST:g} s, not {end:g}")
-    _check_begin(spec, key, begin, problems)
+        diagnostics.add(key, f"expected at most {LONGEST:g} s, not {end:g}")
+    _check_begin(spec, key, begin, diagnostics)
 
 
-def _check_begin(spec: FleetSpec, key: str, begin: float, problems: Diagnostics) -> None:
+def _check_begin(spec: FleetSpec, key: str, begin: float, diagnostics: Diagnostics) -> None:
     length = spec.steps * spec.time.sample_time
     if begin >= length:
-        problems.add(key, f"expected within the run, which ends at {length:g} s, not {begin:g} s")
+        diagnostics.add(key, f"expected within the run, which ends at {length:g} s, not {begin:g} s")

@@ -21,49 +21,51 @@ from dcf_zenoh.spec import FleetSpec, Kind, merged
 
 
 def check(
-    spec: FleetSpec, folder: Path, problems: Diagnostics, notes: list[str], *, run_plugins: bool, unused: bool = True
+    spec: FleetSpec, folder: Path, diagnostics: Diagnostics, notes: list[str], *, run_plugins: bool, unused: bool = True
 ) -> None:
-    """Add to `problems` and `notes` whatever is to be said about `spec`.
+    """Add to `diagnostics` and `notes` whatever is to be said about `spec`.
 
     Args:
         spec: A fleet whose types are right.
         folder: What the paths of plug-ins are relative to.
-        problems: What is wrong.
+        diagnostics: What is wrong.
         notes: What is allowed, but should be known.
         run_plugins: Import the plug-ins of others; without it they are looked at only.
         unused: Look at the algorithms and plants, too, that no agent uses.
     """
-    _check_plant_names(spec, problems)
-    _check_starts(spec, problems)
-    check_arena(spec, problems)
-    check_time(spec, problems, notes)
-    check_rhythm(spec, problems, notes)
-    _check_endpoints(spec, problems)
-    shelf = PluginLookup(folder, run_plugins, problems, notes)
-    _check_problem(spec, shelf)
-    _check_plants(spec, shelf, unused=unused)
-    shelf.check("algorithms", spec.algorithm, "algorithm")
+    _check_plant_names(spec, diagnostics)
+    _check_starts(spec, diagnostics)
+    check_arena(spec, diagnostics)
+    check_time(spec, diagnostics, notes)
+    check_rhythm(spec, diagnostics, notes)
+    _check_endpoints(spec, diagnostics)
+    lookup = PluginLookup(folder, run_plugins, diagnostics, notes)
+    _check_problem(spec, lookup)
+    _check_plants(spec, lookup, unused=unused)
+    lookup.check("algorithms", spec.algorithm, "algorithm")
     for name, kind in spec.algorithms.items():
         if unused and kind != spec.algorithm:
-            shelf.check("algorithms", kind, f"algorithms.{name}", used=False)
-    if not problems.within("plant"):
-        shelf.check("controllers", spec.controller_kind, "controller")
-    shelf.check("topologies", spec.topology, "topology")
+            lookup.check("algorithms", kind, f"algorithms.{name}", used=False)
+    if not diagnostics.within("plant"):
+        lookup.check("controllers", spec.controller_kind, "controller")
+    lookup.check("topologies", spec.topology, "topology")
     graph = None
-    if not problems.within("topology") and (run_plugins or is_built_in("topologies", spec.topology.kind)):
-        graph = _check_graph(spec, folder, problems)
-    check_values(spec, folder, problems, run_plugins=run_plugins)
-    if not problems:
-        check_layout(spec, shelf)
-    check_needs(spec, folder, graph, problems, run_plugins=run_plugins)
-    check_timeout(spec, problems, losers=[*check_links(spec, graph, shelf), *check_agents(spec, problems, notes)])
+    if not diagnostics.within("topology") and (run_plugins or is_built_in("topologies", spec.topology.kind)):
+        graph = _check_graph(spec, folder, diagnostics)
+    check_values(spec, folder, diagnostics, run_plugins=run_plugins)
+    if not diagnostics:
+        check_layout(spec, lookup)
+    check_needs(spec, folder, graph, diagnostics, run_plugins=run_plugins)
+    check_timeout(
+        spec, diagnostics, losers=[*check_links(spec, graph, lookup), *check_agents(spec, diagnostics, notes)]
+    )
 
 
-def _check_plant_names(spec: FleetSpec, problems: Diagnostics) -> None:
+def _check_plant_names(spec: FleetSpec, diagnostics: Diagnostics) -> None:
     def check_name(key: str, name: str) -> None:
         if name not in spec.plants:
             near = nearest(name, spec.plants)
-            problems.add(key, f"there is no [plants.{name}]{near} there are: {listed(spec.plants)}")
+            diagnostics.add(key, f"there is no [plants.{name}]{near} there are: {listed(spec.plants)}")
 
     if spec.plant is not None:
         check_name("plant", spec.plant)
@@ -71,7 +73,7 @@ def _check_plant_names(spec: FleetSpec, problems: Diagnostics) -> None:
         if own.plant is not None:
             check_name(f"agents.{agent}.plant", own.plant)
         elif spec.plant is None and spec.plants:
-            problems.add(
+            diagnostics.add(
                 f"agents.{agent}.plant",
                 f"missing; either all agents have a plant or none: choose one of {listed(spec.plants)} here, for all"
                 " agents by plant = ..., or by --plant",
@@ -80,34 +82,34 @@ def _check_plant_names(spec: FleetSpec, problems: Diagnostics) -> None:
             check_name(f"agents.{agent}.plants.{name}", name)
 
 
-def _check_starts(spec: FleetSpec, problems: Diagnostics) -> None:
+def _check_starts(spec: FleetSpec, diagnostics: Diagnostics) -> None:
     first: tuple[int, int] | None = None
     places: dict[tuple[float, ...], int] = {}
     for agent, own in spec.agents.items():
         plant = own.plant or spec.plant
         if own.start is None:
             if plant is not None:
-                problems.add(f"agents.{agent}.start", f"missing; plant {plant!r} starts at a position, in m")
+                diagnostics.add(f"agents.{agent}.start", f"missing; plant {plant!r} starts at a position, in m")
             continue
         if not own.start:
-            problems.add(f"agents.{agent}.start", "expected at least one component, in m, not []")
+            diagnostics.add(f"agents.{agent}.start", "expected at least one component, in m, not []")
             continue
         if plant is not None and own.start in places:
-            problems.add(f"agents.{agent}.start", f"the same place as agents.{places[own.start]}.start")
+            diagnostics.add(f"agents.{agent}.start", f"the same place as agents.{places[own.start]}.start")
         places.setdefault(own.start, agent)
         first = first or (agent, len(own.start))
         if len(own.start) != first[1]:
-            problems.add(
+            diagnostics.add(
                 f"agents.{agent}.start",
                 f"expected {first[1]} components as in agents.{first[0]}.start, not {len(own.start)}",
             )
 
 
-def _check_endpoints(spec: FleetSpec, problems: Diagnostics) -> None:
+def _check_endpoints(spec: FleetSpec, diagnostics: Diagnostics) -> None:
     owners: dict[str, int] = {}
     for agent, own in spec.agents.items():
         if own.endpoint in owners:
-            problems.add(
+            diagnostics.add(
                 f"agents.{agent}.endpoint",
                 f"{own.endpoint} is taken by agent {owners[own.endpoint]}; each needs its own",
             )
@@ -115,23 +117,23 @@ def _check_endpoints(spec: FleetSpec, problems: Diagnostics) -> None:
             owners[own.endpoint] = agent
 
 
-def _check_problem(spec: FleetSpec, shelf: PluginLookup) -> None:
+def _check_problem(spec: FleetSpec, lookup: PluginLookup) -> None:
     overrides = {agent: dict(own.problem) for agent, own in spec.agents.items()}
     for agent, own in spec.agents.items():
         if own.target is not None:
             if "target" in own.problem:
-                shelf.problems.add(f"agents.{agent}.problem.target", f"given twice: also as agents.{agent}.target")
+                lookup.diagnostics.add(f"agents.{agent}.problem.target", f"given twice: also as agents.{agent}.target")
             overrides[agent]["target"] = own.target
 
     def key(agent: int, option: str) -> str:
         short = option == "target" and "target" not in spec.agents[agent].problem
         return f"agents.{agent}.{'target' if short else f'problem.{option}'}"
 
-    schema = shelf.schema("problems", spec.problem.kind, "problem")
-    _check_overridden(shelf, schema, spec.problem, "problem", overrides=overrides, users=spec.agents, key=key)
+    schema = lookup.schema("problems", spec.problem.kind, "problem")
+    _check_overridden(lookup, schema, spec.problem, "problem", overrides=overrides, users=spec.agents, key=key)
 
 
-def _check_plants(spec: FleetSpec, shelf: PluginLookup, *, unused: bool) -> None:
+def _check_plants(spec: FleetSpec, lookup: PluginLookup, *, unused: bool) -> None:
     owners: dict[tuple[object, str, str], int] = {}
     for name, kind in spec.plants.items():
         users = [agent for agent, own in spec.agents.items() if (own.plant or spec.plant) == name]
@@ -142,14 +144,14 @@ def _check_plants(spec: FleetSpec, shelf: PluginLookup, *, unused: bool) -> None
         def key(agent: int, option: str, name: str = name) -> str:
             return f"agents.{agent}.plants.{name}.{option}"
 
-        schema = shelf.schema("plants", kind.kind, f"plants.{name}", used=bool(users))
-        _check_overridden(shelf, schema, kind, f"plants.{name}", overrides=overrides, users=users, key=key)
-        if users and schema and (plugin := shelf.plugin("plants", kind.kind)):
-            check_body(plugin, spec, shelf.problems, name, users, owners)
+        schema = lookup.schema("plants", kind.kind, f"plants.{name}", used=bool(users))
+        _check_overridden(lookup, schema, kind, f"plants.{name}", overrides=overrides, users=users, key=key)
+        if users and schema and (plugin := lookup.plugin("plants", kind.kind)):
+            check_body(plugin, spec, lookup.diagnostics, name, users, owners)
 
 
 def _check_overridden(
-    shelf: PluginLookup,
+    lookup: PluginLookup,
     schema: Schema | None,
     base: Kind,
     where: str,
@@ -161,23 +163,25 @@ def _check_overridden(
     """Check a table and what agents override of it; each problem under the key it comes from."""
     for agent, options in overrides.items():
         if "kind" in options:
-            shelf.problems.add(key(agent, "kind"), f"expected other keys of [{where}]; the kind is given there alone")
+            lookup.diagnostics.add(
+                key(agent, "kind"), f"expected other keys of [{where}]; the kind is given there alone"
+            )
     if schema is None:
         return
     usual = schema.convert(base.options)[1]
-    shelf.add_all(usual, lambda option: f"{where}.{option}")
+    lookup.add_all(usual, lambda option: f"{where}.{option}")
     for agent, options in overrides.items():
         for option, text in schema.convert(merged(base.options, options))[1].items():
             given = _get(options, option)
             if given is not None and not (isinstance(given, Mapping) and usual.get(option) == text):
-                shelf.problems.add(key(agent, option), text)
+                lookup.diagnostics.add(key(agent, option), text)
         for option in (each for each in schema.shared if _get(options, each) is not None):
-            shelf.problems.add(key(agent, option), f"must be the same at every agent; set it in [{where}]")
+            lookup.diagnostics.add(key(agent, option), f"must be the same at every agent; set it in [{where}]")
     missing = {agent: schema.missing(merged(base.options, overrides.get(agent, {}))) for agent in users}
     for agent, texts in missing.items():
         for option, text in texts.items():
             everywhere = all(option in each for each in missing.values())
-            shelf.problems.add(f"{where}.{option}" if everywhere else key(agent, option), text)
+            lookup.diagnostics.add(f"{where}.{option}" if everywhere else key(agent, option), text)
 
 
 def _get(options: Mapping[str, Any], key: str) -> Any:
@@ -187,14 +191,14 @@ def _get(options: Mapping[str, Any], key: str) -> Any:
     return options[key] if key in options else _get(inner, rest) if rest and isinstance(inner, Mapping) else None
 
 
-def _check_graph(spec: FleetSpec, folder: Path, problems: Diagnostics) -> Graph | None:
+def _check_graph(spec: FleetSpec, folder: Path, diagnostics: Diagnostics) -> Graph | None:
     try:
         graph = draw(spec, folder)
     except (PluginError, TopologyError) as error:
-        problems.add("topology", "; ".join(error.problems).removeprefix("topology: "))
+        diagnostics.add("topology", "; ".join(error.problems).removeprefix("topology: "))
         return None
     if spec.exchange.max_rounds <= graph.diameter:
-        problems.add(
+        diagnostics.add(
             "exchange.max_rounds",
             f"expected more than {graph.diameter} (the diameter of the graph: sharing states and agreeing take so many"
             f" rounds), not {spec.exchange.max_rounds}",
@@ -202,5 +206,5 @@ def _check_graph(spec: FleetSpec, folder: Path, problems: Diagnostics) -> Graph 
     try:
         weights_of(spec, graph)
     except TopologyError as error:
-        problems.add("topology.weights", str(error))
+        diagnostics.add("topology.weights", str(error))
     return graph

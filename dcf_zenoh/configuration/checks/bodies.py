@@ -8,23 +8,23 @@ from dcf_zenoh.plugins import Schema, accepted
 from dcf_zenoh.spec import FleetSpec
 
 
-def check_arena(spec: FleetSpec, problems: Diagnostics) -> None:
+def check_arena(spec: FleetSpec, diagnostics: Diagnostics) -> None:
     """Check that the arena is a box, and that every agent begins in it."""
     arena = spec.arena
     if arena is None:
         return
     if not 1 <= len(arena.min) == len(arena.max) <= 3:
         text = f"expected as many coordinates in min as in max, 1 to 3, not {len(arena.min)} and {len(arena.max)}"
-        problems.add("arena", text)
+        diagnostics.add("arena", text)
         return
     for low, high in zip(arena.min, arena.max, strict=True):
         if low >= high:
-            problems.add("arena", f"expected min < max on each axis, not {low:g} and {high:g} m")
+            diagnostics.add("arena", f"expected min < max on each axis, not {low:g} and {high:g} m")
             return
     for agent, own in spec.agents.items():
         for axis, value, low, high in zip("xyz", own.start or (), arena.min, arena.max, strict=False):
             if not low <= value <= high:
-                problems.add(
+                diagnostics.add(
                     f"agents.{agent}.start", f"outside the arena: {axis} = {value:g} m, allowed {low:g} .. {high:g} m"
                 )
 
@@ -32,7 +32,7 @@ def check_arena(spec: FleetSpec, problems: Diagnostics) -> None:
 def check_body(
     plugin: object,
     spec: FleetSpec,
-    problems: Diagnostics,
+    diagnostics: Diagnostics,
     name: str,
     users: Iterable[int],
     owners: dict[tuple[object, str, str], int],
@@ -42,16 +42,16 @@ def check_body(
     Args:
         plugin: The kind of ``[plants.NAME]``.
         spec: The fleet.
-        problems: What is wrong.
+        diagnostics: What is wrong.
         name: Of the plant.
         users: Agents that have it.
         owners: Kind, key and value -> who has what no other may have, over all plants of the fleet; is added to.
     """
     if getattr(plugin, "real", False) and spec.time.clock == "virtual":
-        problems.add(
+        diagnostics.add(
             f"plants.{name}", "moves in the real world, which knows no virtual time: launch it with --clock wall"
         )
-    _check_height(plugin, spec, problems, name, users)
+    _check_height(plugin, spec, diagnostics, name, users)
     for option in getattr(plugin, "own_keys", ()):
         owned = getattr(plugin, "owned", lambda _key, value: value)
         for agent in users:
@@ -62,11 +62,11 @@ def check_body(
             taken = plugin, option, repr(owned(option, value))
             if taken in owners:
                 key = f"agents.{agent}.plants.{name}.{option}"
-                problems.add(key, f"{value!r} is taken by agent {owners[taken]}; each needs its own")
+                diagnostics.add(key, f"{value!r} is taken by agent {owners[taken]}; each needs its own")
             owners.setdefault(taken, agent)
 
 
-def _check_height(plugin: object, spec: FleetSpec, problems: Diagnostics, name: str, users: Iterable[int]) -> None:
+def _check_height(plugin: object, spec: FleetSpec, diagnostics: Diagnostics, name: str, users: Iterable[int]) -> None:
     """Check that bodies that start in the plane and have a key `height`, perhaps in a sub-table, fly in the arena."""
     if spec.arena is None or len(spec.arena.min) < 3 or not callable(plugin):
         return
@@ -79,7 +79,7 @@ def _check_height(plugin: object, spec: FleetSpec, problems: Diagnostics, name: 
             height = height.get(part) if isinstance(height, Mapping) else None
         height = default if height is None else height
         if len(own.start) == 2 and isinstance(height, int | float) and not low <= height <= high:
-            problems.add(
+            diagnostics.add(
                 f"plants.{name}.{key}",
                 f"agent {agent} would fly outside the arena: {height:g} m, allowed {low:g} .. {high:g} m",
             )

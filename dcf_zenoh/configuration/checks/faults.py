@@ -55,13 +55,13 @@ class _Rule:
         return all(_filled(self.window, each) for each in windows.values())
 
 
-def check_links(spec: FleetSpec, graph: Graph | None, shelf: PluginLookup) -> list[str]:
+def check_links(spec: FleetSpec, graph: Graph | None, lookup: PluginLookup) -> list[str]:
     """Note what is wrong with [faults].
 
     Args:
         spec: The fleet.
         graph: Who hears whom; None if that is not known.
-        shelf: Where the kinds are looked up.
+        lookup: Where the kinds are looked up.
 
     Returns:
         The keys of faults that can lose messages.
@@ -75,25 +75,27 @@ def check_links(spec: FleetSpec, graph: Graph | None, shelf: PluginLookup) -> li
     losers = []
     for each in rules:
         if each.key != "faults":
-            _check_rule(spec, each, pairs if graph else [], shelf.problems)
+            _check_rule(spec, each, pairs if graph else [], lookup.diagnostics)
         for name, fault in each.rule.faults.items():
             key = f"{each.key}.{name}"
-            plugin = _check_fault(spec, key, fault, each.links, shelf) if _is_known(key, fault, names, shelf) else None
+            plugin = (
+                _check_fault(spec, key, fault, each.links, lookup) if _is_known(key, fault, names, lookup) else None
+            )
             if plugin is not None and getattr(plugin, "LOSES", True):
                 losers.append(key)
-                _foretell_cut(spec, key, plugin, each.rule, shelf.notes)
-    _check_overruled(rules, shelf.problems)
+                _note_cut(spec, key, plugin, each.rule, lookup.notes)
+    _check_overruled(rules, lookup.diagnostics)
     return losers
 
 
-def _is_known(key: str, fault: Switch, names: set[str], shelf: PluginLookup) -> bool:
+def _is_known(key: str, fault: Switch, names: set[str], lookup: PluginLookup) -> bool:
     """Whether there is such a fault, as far as its name tells."""
     name = key.rpartition(".")[2]
     kinds = sorted(known("faults"))
     if name in kinds or (fault.kind != name if fault else name in names):
         return True
     others = RULE_KEYS if key.startswith("faults.rule.") else ("rule",)
-    shelf.problems.add(
+    lookup.diagnostics.add(
         key,
         f"unknown fault {name!r}{nearest(name, [*kinds, *others])} known faults: {listed(kinds)};"
         " or a table with kind = 'package.module:Name' or './file.py:Name'",
@@ -101,39 +103,39 @@ def _is_known(key: str, fault: Switch, names: set[str], shelf: PluginLookup) -> 
     return False
 
 
-def _check_fault(spec: FleetSpec, key: str, fault: Switch, links: Pairs, shelf: PluginLookup) -> Plugin | None:
+def _check_fault(spec: FleetSpec, key: str, fault: Switch, links: Pairs, lookup: PluginLookup) -> Plugin | None:
     """Check one table; the plug-in if it could be loaded."""
-    if not fault or (schema := shelf.schema("faults", fault.kind, key)) is None:
+    if not fault or (schema := lookup.schema("faults", fault.kind, key)) is None:
         return None
-    shelf.compare(schema, fault.options, lambda option: f"{key}.{option}")
-    shelf.add_all(schema.missing(fault.options), lambda option: f"{key}.{option}")
-    if not (shelf.run or is_built_in("faults", fault.kind)):
+    lookup.compare(schema, fault.options, lambda option: f"{key}.{option}")
+    lookup.add_all(schema.missing(fault.options), lambda option: f"{key}.{option}")
+    if not (lookup.run or is_built_in("faults", fault.kind)):
         return None
-    plugin = load("faults", fault.kind, shelf.folder)
-    if not shelf.problems.within(key):
-        _check_named(spec, key, plugin, fault.options, shelf)
-    if not shelf.problems.within(key):
-        _check_made(key, fault, schema, links, shelf)
+    plugin = load("faults", fault.kind, lookup.folder)
+    if not lookup.diagnostics.within(key):
+        _check_named(spec, key, plugin, fault.options, lookup)
+    if not lookup.diagnostics.within(key):
+        _check_made(key, fault, schema, links, lookup)
     return plugin
 
 
-def _check_named(spec: FleetSpec, key: str, plugin: Plugin, options: dict[str, Any], shelf: PluginLookup) -> None:
+def _check_named(spec: FleetSpec, key: str, plugin: Plugin, options: dict[str, Any], lookup: PluginLookup) -> None:
     """Check the files and agents that a fault names."""
     if getattr(plugin, "NEEDS_POSITIONS", False) and not spec.has_plants:
-        shelf.problems.add(key, "needs the positions of the agents, and without plants they have none")
+        lookup.diagnostics.add(key, "needs the positions of the agents, and without plants they have none")
     for option in getattr(plugin, "FILES", ()):
         file = options.get(option)
-        if isinstance(file, str) and not (shelf.folder / file).is_file():
-            shelf.problems.add(f"{key}.{option}", f"there is no file {shelf.folder / Path(file)}")
+        if isinstance(file, str) and not (lookup.folder / file).is_file():
+            lookup.diagnostics.add(f"{key}.{option}", f"there is no file {lookup.folder / Path(file)}")
     for option in getattr(plugin, "AGENTS", ()):
         for agent in _flat(options.get(option)):
             if agent not in spec.agents:
-                shelf.problems.add(f"{key}.{option}", _no_agent(spec, agent))
+                lookup.diagnostics.add(f"{key}.{option}", _no_agent(spec, agent))
 
 
-def _check_made(key: str, fault: FaultTable, schema: Schema, links: Pairs, shelf: PluginLookup) -> None:
+def _check_made(key: str, fault: FaultTable, schema: Schema, links: Pairs, lookup: PluginLookup) -> None:
     """Make the fault of each link, for its constructor to judge."""
-    recipe = Recipe.of(key, fault, shelf.folder)
+    recipe = Recipe.of(key, fault, lookup.folder)
     for link in links if recipe.asks_for_link else links[:1]:
         try:
             recipe.make(*link)
@@ -142,34 +144,34 @@ def _check_made(key: str, fault: FaultTable, schema: Schema, links: Pairs, shelf
             text = reason(cause) if cause else str(error).removeprefix(f"{key}: ")
             option, _, rest = text.partition(" ")
             blamed = rest.startswith(("must ", "is ")) and option in {each.name for each in schema.parameters}
-            shelf.problems.add(f"{key}.{option}" if blamed else key, rest if blamed else text)
+            lookup.diagnostics.add(f"{key}.{option}" if blamed else key, rest if blamed else text)
             return
 
 
-def _check_rule(spec: FleetSpec, each: _Rule, pairs: Pairs, problems: Diagnostics) -> None:
+def _check_rule(spec: FleetSpec, each: _Rule, pairs: Pairs, diagnostics: Diagnostics) -> None:
     """Check for whom and when a rule is."""
     rule, key = each.rule, each.key
     if not rule.faults:
-        problems.add(key, f"a rule without a fault; known faults: {listed(sorted(known('faults')))}")
+        diagnostics.add(key, f"a rule without a fault; known faults: {listed(sorted(known('faults')))}")
     senders, receivers = _ids(rule.from_), _ids(rule.to)
     for end, ids in (("from", senders), ("to", receivers)):
         if ids == ():
-            problems.add(f"{key}.{end}", "expected at least one agent; without this key it is for all")
+            diagnostics.add(f"{key}.{end}", "expected at least one agent; without this key it is for all")
         for agent in ids or ():
             if agent not in spec.agents:
-                problems.add(f"{key}.{end}", _no_agent(spec, agent))
+                diagnostics.add(f"{key}.{end}", _no_agent(spec, agent))
     if senders and senders == receivers and len(set(senders)) == 1:
-        problems.add(f"{key}.to", f"expected another agent than {senders[0]}, as from; none has a link to itself")
-    if not each.links and pairs and not problems.within(key):
+        diagnostics.add(f"{key}.to", f"expected another agent than {senders[0]}, as from; none has a link to itself")
+    if not each.links and pairs and not diagnostics.within(key):
         near = [link for link in pairs if link[0] in (senders or ()) or link[1] in (receivers or ())]
         shown = listed(f"{i} -> {j}" for i, j in near[:MOST_LINKS]) + (", ..." if len(near) > MOST_LINKS else "")
-        problems.add(
+        diagnostics.add(
             key,
             f"no link from {_or_any(senders)} to {_or_any(receivers)} in topology {spec.topology.kind!r};"
             f" links there are: {shown}",
         )
     if rule.during is not None:
-        check_window(spec, f"{key}.during", rule.during, problems)
+        check_window(spec, f"{key}.during", rule.during, diagnostics)
 
 
 def _filled(window: tuple[float, float], others: Sequence[tuple[float, float]]) -> bool:
@@ -182,7 +184,7 @@ def _filled(window: tuple[float, float], others: Sequence[tuple[float, float]]) 
     return bool(others) and reached >= end
 
 
-def _check_overruled(rules: Sequence[_Rule], problems: Diagnostics) -> None:
+def _check_overruled(rules: Sequence[_Rule], diagnostics: Diagnostics) -> None:
     """Note what can never act because a later rule says otherwise."""
     for place, each in enumerate(rules):
         for name in each.rule.faults:
@@ -190,14 +192,14 @@ def _check_overruled(rules: Sequence[_Rule], problems: Diagnostics) -> None:
             if each.links and each.covered(later):
                 winners = [other for other in later if each.covered([other])][:1] or later
                 come = "comes later," if len(winners) == 1 else "come later, together"
-                problems.add(
+                diagnostics.add(
                     f"{each.key}.{name}",
                     f"never acts, as {listed(f'{other.key}.{name}' for other in winners)} {come}"
                     " for at least the same links and times",
                 )
 
 
-def _foretell_cut(spec: FleetSpec, key: str, plugin: Plugin, rule: FaultRule, notes: list[str]) -> None:
+def _note_cut(spec: FleetSpec, key: str, plugin: Plugin, rule: FaultRule, notes: list[str]) -> None:
     silent = spec.safety.neighbour_silent
     lasts = LONGEST if rule.during is None else rule.during[1] - rule.during[0]
     if silent.then == "land" and lasts > silent.after and getattr(plugin, "STAGE", None) is Stage.CUT:

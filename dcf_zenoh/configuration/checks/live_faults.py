@@ -53,9 +53,9 @@ def check_change(fleet: LoadedFleet, senders: Ids, receivers: Ids, name: str, fa
             draft.assign((*path, key), list(value) if isinstance(value, tuple) else value)
     spec = _check(draft)
     prefix = ".".join(path)
-    problems = [_plain(line, prefix) for line in draft.problems.lines if _is_of(line, prefix)]
-    if spec is None or problems:
-        raise ConfigurationError(problems or draft.problems.lines)
+    lines = [_plain(line, prefix) for line in draft.diagnostics.lines if _is_of(line, prefix)]
+    if spec is None or lines:
+        raise ConfigurationError(lines or draft.diagnostics.lines)
     rule = spec.faults.rule[-1]
     if found := refusals(fleet.spec, fleet.folder, name, rule.faults[name]):
         raise ConfigurationError(found)
@@ -77,7 +77,7 @@ def check_rules(fleet: LoadedFleet, rules: Iterable[dict[str, Any]]) -> list[str
     for number, rule in enumerate(rules, len(fleet.spec.faults.rule) + 1):
         draft.assign(("faults", "rule", str(number)), rule)
     _check(draft)
-    return draft.problems.lines
+    return draft.diagnostics.lines
 
 
 def _foreign(spec: FleetSpec, name: str, kind: str) -> list[str]:
@@ -105,24 +105,26 @@ def refusals(spec: FleetSpec, folder: Path, name: str, fault: Switch) -> list[st
     Raises:
         PluginError: It cannot be loaded.
     """
-    problems = Diagnostics()
+    diagnostics = Diagnostics()
     if not fault:
         return []
     if found := _foreign(spec, name, fault.kind):
         return found
     plugin = load("faults", fault.kind, folder)
     if getattr(plugin, "LOSES", True):
-        check_timeout(spec, problems, [name])
+        check_timeout(spec, diagnostics, [name])
     if getattr(plugin, "NEEDS_POSITIONS", False) and not needs_positions(spec, folder):
-        problems.add(name, "needs the positions of the agents, which messages carry only if the fleet file has it too")
-    return problems.lines
+        diagnostics.add(
+            name, "needs the positions of the agents, which messages carry only if the fleet file has it too"
+        )
+    return diagnostics.lines
 
 
 def _check(draft: Draft) -> FleetSpec | None:
     draft.complete()
-    spec = validate(draft.table, draft.problems)
+    spec = validate(draft.table, draft.diagnostics)
     if spec is not None:
-        check(spec, draft.folder, draft.problems, draft.notes, run_plugins=True)
+        check(spec, draft.folder, draft.diagnostics, draft.notes, run_plugins=True)
     return spec
 
 

@@ -15,7 +15,7 @@ from dcf_zenoh.spec import FleetSpec
 
 
 def check_needs(
-    spec: FleetSpec, folder: Path, graph: Graph | None, problems: Diagnostics, *, run_plugins: bool
+    spec: FleetSpec, folder: Path, graph: Graph | None, diagnostics: Diagnostics, *, run_plugins: bool
 ) -> None:
     """Note what the fleet's algorithm needs and does not find. One that says nothing, or cannot be run, passes.
 
@@ -23,49 +23,49 @@ def check_needs(
         spec: The fleet.
         folder: What the paths of plug-ins are relative to.
         graph: Who hears whom; None if that is not known.
-        problems: What is wrong so far; what is needed is added.
+        diagnostics: What is wrong so far; what is needed is added.
         run_plugins: Plug-ins of others may be imported.
     """
 
     def loaded(group: str, kind: str, key: str) -> Plugin | None:
-        usable = not problems.within(key) and (run_plugins or is_built_in(group, kind))
+        usable = not diagnostics.within(key) and (run_plugins or is_built_in(group, kind))
         return load(group, kind, folder) if usable else None
 
     needed = needs_of(loaded("algorithms", spec.algorithm.kind, "algorithm"))
     if needed is None:
         return
-    if graph is not None and not problems.within("topology"):
-        _check_links(needed, spec, graph, problems)
+    if graph is not None and not diagnostics.within("topology"):
+        _check_links(needed, spec, graph, diagnostics)
     kind = loaded("problems", spec.problem.kind, "problem")
-    if isinstance(kind, type) and not problems.within("plant"):
-        _check_problem(needed, spec, folder, kind, problems)
+    if isinstance(kind, type) and not diagnostics.within("plant"):
+        _check_problem(needed, spec, folder, kind, diagnostics)
 
 
-def _check_links(needed: Needs, spec: FleetSpec, graph: Graph, problems: Diagnostics) -> None:
+def _check_links(needed: Needs, spec: FleetSpec, graph: Graph, diagnostics: Diagnostics) -> None:
     weights = weights_of(spec, graph)
     for agent in graph.agents:
-        hood = Neighbourhood.of(graph, agent, weights)
-        if wrong := needed.of_links(agent, hood, len(graph.agents)):
-            problems.add("topology", wrong)
-        elif wrong := needed.of_weights(hood):
-            problems.add("topology.weights", wrong)
+        neighbourhood = Neighbourhood.of(graph, agent, weights)
+        if wrong := needed.of_links(agent, neighbourhood, len(graph.agents)):
+            diagnostics.add("topology", wrong)
+        elif wrong := needed.of_weights(neighbourhood):
+            diagnostics.add("topology.weights", wrong)
 
 
-def _check_problem(needed: Needs, spec: FleetSpec, folder: Path, kind: type, problems: Diagnostics) -> None:
+def _check_problem(needed: Needs, spec: FleetSpec, folder: Path, kind: type, diagnostics: Diagnostics) -> None:
     name, controller = spec.problem.kind, spec.controller_kind.kind
     posed: Sequence[object] = ()  # problems, or their class, as far as is known here
     if controller == "solve_once":
         if hasattr(kind, "at"):
             text = f"{name} is posed anew at every step, from where the agents are: they need plants"
-            problems.add("problem.kind", text)
-        elif is_built_in("problems", name) and not problems:
+            diagnostics.add("problem.kind", text)
+        elif is_built_in("problems", name) and not diagnostics:
             posed = [problem_of(spec, folder, agent) for agent in spec.ids]
         else:
             posed = [kind]
     elif controller == "receding_horizon":
         if issubclass(kind, Problem) and not hasattr(kind, "at"):
             text = f"{name} does not depend on where the agents are: leave out their plants"
-            problems.add("problem.kind", text)
+            diagnostics.add("problem.kind", text)
         else:
             posed = _posed_by(kind)
     wrong = next(filter(None, (needed.of_problem(each, name) for each in posed)), None)
@@ -73,7 +73,7 @@ def _check_problem(needed: Needs, spec: FleetSpec, folder: Path, kind: type, pro
         if issubclass(kind, Problem) or hasattr(kind, "at"):
             able = [each for each in sorted(known("algorithms")) if _solves(each, posed)]
             wrong += f"; those that can solve it: {listed(able)}"
-        problems.add("algorithm.kind", wrong)
+        diagnostics.add("algorithm.kind", wrong)
 
 
 def _posed_by(kind: type) -> list[type]:

@@ -17,7 +17,7 @@ class PluginLookup:
 
     folder: Path
     run: bool
-    problems: Diagnostics
+    diagnostics: Diagnostics
     notes: list[str]
 
     def check(self, group: str, kind: Kind, key: str, *, used: bool = True) -> None:
@@ -32,7 +32,7 @@ class PluginLookup:
             if (self.run and used) or is_built_in(group, kind):
                 plugin = load(group, kind, self.folder)
                 for text in check_signature(group, plugin):
-                    self.problems.add(f"{key}.kind", text)
+                    self.diagnostics.add(f"{key}.kind", text)
                 return accepted(plugin)
             if not self.run:
                 self.notes.append(f"{key}: {kind} was not run, so its keys are checked by name at most")
@@ -40,7 +40,7 @@ class PluginLookup:
                 return peek(kind, self.folder)
             check_known(group, kind)
         except PluginError as error:
-            self.problems.add(f"{key}.kind", "; ".join(error.problems))
+            self.diagnostics.add(f"{key}.kind", "; ".join(error.problems))
         return None
 
     def plugin(self, group: str, kind: str) -> Plugin | None:
@@ -54,4 +54,4 @@ class PluginLookup:
     def add_all(self, texts: Mapping[str, str], key: Callable[[str], str]) -> None:
         """Note all `texts`, by option, under ``key(option)``."""
         for option, text in texts.items():
-            self.problems.add(key(option), text)
+            self.diagnostics.add(key(option), text)

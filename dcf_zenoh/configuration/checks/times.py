@@ -10,7 +10,7 @@ LONGEST = 1e8  # s; some three years
 WALL_ROUND = 2e-3  # s; about what a round takes on the wall clock, so a shorter time-out loses what is only late
 
 
-def check_time(spec: FleetSpec, problems: Diagnostics, notes: list[str]) -> None:
+def check_time(spec: FleetSpec, diagnostics: Diagnostics, notes: list[str]) -> None:
     """Note times beyond all reason, and more rounds than there is time for."""
     rounds, sample_time = spec.exchange, spec.time.sample_time
     for key, value in {
@@ -24,12 +24,12 @@ def check_time(spec: FleetSpec, problems: Diagnostics, notes: list[str]) -> None
         "zenoh.silence_timeout": spec.zenoh.receive_timeout,
     }.items():
         if value is not None and value > LONGEST:
-            problems.add(key, f"expected at most {LONGEST:g} s, not {value:g}")
+            diagnostics.add(key, f"expected at most {LONGEST:g} s, not {value:g}")
     if spec.seed >= 2**63:
-        problems.add("seed", f"expected less than 2^63, not {spec.seed}")
+        diagnostics.add("seed", f"expected less than 2^63, not {spec.seed}")
     budget = rounds.step_budget(sample_time)
     if budget > sample_time:
-        problems.add("exchange.budget", f"expected at most time.sample_time = {sample_time:g} s, not {budget:g} s")
+        diagnostics.add("exchange.budget", f"expected at most time.sample_time = {sample_time:g} s, not {budget:g} s")
     if rounds.mode == "asynchronous" or rounds.round_timeout is None:
         return
     if rounds.max_rounds * rounds.round_timeout > budget * (1 + 1e-9):
@@ -40,7 +40,7 @@ def check_time(spec: FleetSpec, problems: Diagnostics, notes: list[str]) -> None
         )
 
 
-def check_rhythm(spec: FleetSpec, problems: Diagnostics, notes: list[str]) -> None:
+def check_rhythm(spec: FleetSpec, diagnostics: Diagnostics, notes: list[str]) -> None:
     """Check when agents activate in asynchronous mode, and note the keys that mean nothing in the mode chosen."""
     rounds = spec.exchange
     rhythm = {"exchange.period": rounds.period, "exchange.jitter": rounds.jitter or None}
@@ -62,18 +62,18 @@ def check_rhythm(spec: FleetSpec, problems: Diagnostics, notes: list[str]) -> No
         own_period, own_jitter = (f"agents.{agent}.exchange.{key}" for key in ("period", "jitter"))
         if period > budget * (1 + 1e-9):
             key = own_period if own_period in given else "exchange.period"
-            problems.add(key, f"expected at most the budget of a step, {budget:g} s, not {period:g} s")
+            diagnostics.add(key, f"expected at most the budget of a step, {budget:g} s, not {period:g} s")
         elif jitter >= period:
             key = next((each for each in (own_jitter, own_period) if each in given), "exchange.jitter")
-            problems.add(key, f"expected a jitter shorter than the period; they are {jitter:g} s and {period:g} s")
+            diagnostics.add(key, f"expected a jitter shorter than the period; they are {jitter:g} s and {period:g} s")
 
 
-def check_timeout(spec: FleetSpec, problems: Diagnostics, losers: Sequence[str]) -> None:
+def check_timeout(spec: FleetSpec, diagnostics: Diagnostics, losers: Sequence[str]) -> None:
     """Ask for a time-out of rounds where messages can be lost.
 
     Args:
         spec: The fleet.
-        problems: What is wrong.
+        diagnostics: What is wrong.
         losers: Keys of what can lose messages.
     """
     rounds = spec.exchange
@@ -84,7 +84,7 @@ def check_timeout(spec: FleetSpec, problems: Diagnostics, losers: Sequence[str])
         share = max(share, WALL_ROUND)
     digit = 10.0 ** floor(log10(share))
     proposal = floor(share / digit * (1 + 1e-9)) * digit  # its first digit
-    problems.add(
+    diagnostics.add(
         "exchange.round_timeout",
         f"missing; {losers[0]} can lose messages, and a round would wait for a lost one until the step's budget is"
         f" used up: set it to more than the latency of the links, such as {proposal:.0g} s",

@@ -17,7 +17,7 @@ from dcf_zenoh.spec import FleetSpec
 SIZES = {"size": "components of a decision", "rows": "shared constraints"}  # what all agents must have as many of
 
 
-def check_values(spec: FleetSpec, folder: Path, problems: Diagnostics, *, run_plugins: bool) -> None:
+def check_values(spec: FleetSpec, folder: Path, diagnostics: Diagnostics, *, run_plugins: bool) -> None:
     """Make the body and the problem of every agent, and note what they refuse.
 
     Made are built-in kinds, and problems of others that have a method ``check_starts`` or are asked for deadlocks.
@@ -27,28 +27,28 @@ def check_values(spec: FleetSpec, folder: Path, problems: Diagnostics, *, run_pl
     Args:
         spec: A fleet.
         folder: What the paths of plug-ins are relative to.
-        problems: What is wrong.
+        diagnostics: What is wrong.
         run_plugins: Whether code of others may run.
     """
-    if problems.within("time") or problems.within("plant"):
+    if diagnostics.within("time") or diagnostics.within("plant"):
         return
-    sound = [i for i in spec.ids if not problems.within(f"agents.{i}")]
+    sound = [i for i in spec.ids if not diagnostics.within(f"agents.{i}")]
     for name, kind in spec.plants.items():
         users = [i for i in sound if (spec.agents[i].plant or spec.plant) == name]
-        if is_built_in("plants", kind.kind) and not problems.within(f"plants.{name}"):
+        if is_built_in("plants", kind.kind) and not diagnostics.within(f"plants.{name}"):
             refused = _refusals(users, lambda agent: plant_of(spec, folder, agent))
             special = [i for i in users if spec.agents[i].plants.get(name)]
-            _note(refused, users, special, f"plants.{name}", problems)
-    if not problems.within("problem") and _may_be_made(spec, folder, run_plugins=run_plugins):
+            _note(refused, users, special, f"plants.{name}", diagnostics)
+    if not diagnostics.within("problem") and _may_be_made(spec, folder, run_plugins=run_plugins):
         refused = _refusals(sound, lambda agent: problem_of(spec, folder, agent))
-        _note(refused, sound, [i for i in sound if spec.agents[i].problem], "problem", problems)
+        _note(refused, sound, [i for i in sound if spec.agents[i].problem], "problem", diagnostics)
         starts = {i: spec.agents[i].start or () for i in spec.ids}
         if refused or len(sound) < len(spec.ids):
             return
         made = {i: problem_of(spec, folder, i) for i in spec.ids}
-        _check_sizes(made, problems)
+        _check_sizes(made, diagnostics)
         if all(starts.values()):
-            _check_starts(made[spec.ids[0]], starts, problems)
+            _check_starts(made[spec.ids[0]], starts, diagnostics)
 
 
 def _may_be_made(spec: FleetSpec, folder: Path, *, run_plugins: bool) -> bool:
@@ -71,17 +71,17 @@ def _refusals(agents: Sequence[int], make: Callable[[int], object]) -> dict[int,
 
 
 def _note(
-    refused: Mapping[int, str], users: Sequence[int], special: Sequence[int], table: str, problems: Diagnostics
+    refused: Mapping[int, str], users: Sequence[int], special: Sequence[int], table: str, diagnostics: Diagnostics
 ) -> None:
     """Note what all `users` have wrong under their `table`, unless all of them have keys of their own (`special`)."""
     if len(refused) == len(users) > len(special) and len(set(refused.values())) == 1:
-        problems.add(table, next(iter(refused.values())))
+        diagnostics.add(table, next(iter(refused.values())))
         return
     for agent, text in refused.items():
-        problems.add(f"agents.{agent}.{table}", text)
+        diagnostics.add(f"agents.{agent}.{table}", text)
 
 
-def _check_sizes(made: Mapping[int, object], problems: Diagnostics) -> None:
+def _check_sizes(made: Mapping[int, object], diagnostics: Diagnostics) -> None:
     """Note whose problem has another size than most: numpy would stretch one where both are mixed."""
     for name, what in SIZES.items():
         sizes = {
@@ -91,13 +91,13 @@ def _check_sizes(made: Mapping[int, object], problems: Diagnostics) -> None:
         for agent, size in sizes.items():
             if size != usual[0][0]:
                 like = next(i for i in sizes if sizes[i] == usual[0][0])
-                problems.add(
+                diagnostics.add(
                     f"agents.{agent}.problem", f"{what}: expected {usual[0][0]}, as agent {like} has, not {size}"
                 )
 
 
-def _check_starts(problem: object, starts: Mapping[int, tuple[float, ...]], problems: Diagnostics) -> None:
+def _check_starts(problem: object, starts: Mapping[int, tuple[float, ...]], diagnostics: Diagnostics) -> None:
     check = getattr(problem, STARTS, None)
     found: Mapping[int, str] = check({i: read_only(start) for i, start in starts.items()}) if check else {}
     for agent, text in found.items():
-        problems.add(f"agents.{agent}.start", text)
+        diagnostics.add(f"agents.{agent}.start", text)

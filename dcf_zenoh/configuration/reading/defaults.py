@@ -55,9 +55,9 @@ def with_defaults(spec: FleetSpec, folder: Path, *, run_plugins: bool) -> FleetS
 
 def _completed(schema: Schema, options: Mapping[str, Any]) -> dict[str, Any]:
     """Return `options` with the defaults that a fleet file can hold and that the plug-in accepts from one."""
-    said = {each.name: _plain(each.default) for each in schema.parameters if _in_toml(each.default)}
-    refused = schema.convert(said)[1]
-    completed = {**{name: value for name, value in said.items() if name not in refused}, **options}
+    plain = {each.name: _plain(each.default) for each in schema.parameters if _in_toml(each.default)}
+    refused = schema.convert(plain)[1]
+    completed = {**{name: value for name, value in plain.items() if name not in refused}, **options}
     for each in schema.parameters:
         given = options.get(each.name, {} if each.default is not REQUIRED and each.default is not None else None)
         if each.table is not None and isinstance(given, Mapping):

@@ -57,7 +57,7 @@ def read(source: str | Path, *, run_plugins: bool = True) -> "Draft":
         raise ConfigurationError(f"cannot be read: {error.strerror}", str(path)) from error
     draft = Draft(table, path.absolute().parent, str(path), run_plugins)
     draft.check_ids()
-    number_rules(table, draft.problems)
+    number_rules(table, draft.diagnostics)
     draft.shorthand.spell_out_all(table)
     return draft
 
@@ -72,7 +72,7 @@ class Draft:
         source: The file, for messages.
         run_plugins: Whether the plug-ins of others may be imported.
         notes: What the user should know, though nothing is wrong.
-        problems: What is wrong.
+        diagnostics: What is wrong.
     """
 
     table: dict[str, Any]
@@ -80,7 +80,7 @@ class Draft:
     source: str
     run_plugins: bool = True
     notes: list[str] = field(default_factory=list)
-    problems: Diagnostics = field(default_factory=Diagnostics)
+    diagnostics: Diagnostics = field(default_factory=Diagnostics)
 
     def override(self, given: Overrides) -> None:
         """Replace the choices of the file by those given."""
@@ -98,7 +98,7 @@ class Draft:
         key, equals, value = text.partition("=")
         path = path_of(key)
         if not (equals and path):
-            self.problems.add(text, "expected key.path=value, such as time.duration=10.0")
+            self.diagnostics.add(text, "expected key.path=value, such as time.duration=10.0")
             return
         self.assign(path, value_of(value.strip()))
 
@@ -106,7 +106,9 @@ class Draft:
         """Set one value; tables on the way to it are made. A new kind drops the keys of the old one."""
         path = with_plain_id(path)
         if path[:2] == ("faults", "rule") and len(path) > 2 and not path[2].isdecimal():
-            self.problems.add(".".join(path), "cannot be set: rules have numbers, from 1 on in the order of the file")
+            self.diagnostics.add(
+                ".".join(path), "cannot be set: rules have numbers, from 1 on in the order of the file"
+            )
             return
         table = self.table
         for depth, key in enumerate(path[:-1], 1):
@@ -114,7 +116,7 @@ class Draft:
                 del table[key]
             child = table.setdefault(key, {})
             if not isinstance(child, dict):
-                self.problems.add(
+                self.diagnostics.add(
                     ".".join(path), f"cannot be set: {'.'.join(path[:depth])} is {show(child)}, not a table"
                 )
                 return
@@ -127,7 +129,7 @@ class Draft:
             return
         table[path[-1]] = value
         if path[0] == "faults":
-            number_rules(self.table, self.problems)
+            number_rules(self.table, self.diagnostics)
             self.shorthand.spell_out_all(self.table)
             for fault, key in self.shorthand.files(self.table, path):
                 fault[key] = self._file_from_here(fault[key])
@@ -174,8 +176,8 @@ class Draft:
             flies = "plant" in self.table or any("plant" in own for own in self._tables("agents").values())
             controller.setdefault("kind", default_controller(has_plants=flies))
         self.check_ids()
-        self.shorthand.check(self.table, self.problems)
-        list_rules(self.table, self.problems)
+        self.shorthand.check(self.table, self.diagnostics)
+        list_rules(self.table, self.diagnostics)
 
     def check_ids(self) -> None:
         """Bring the ids of agents into their plain form, and take out what is no id."""
@@ -185,11 +187,11 @@ class Draft:
         for key in list(agents):
             _, plain = with_plain_id(("agents", key))
             if not (plain.isascii() and plain.isdecimal()):
-                self.problems.add(f"agents.{key}", f"the id of an agent is a whole number >= 0, not {key!r}")
+                self.diagnostics.add(f"agents.{key}", f"the id of an agent is a whole number >= 0, not {key!r}")
                 del agents[key]
             elif plain != key:
                 if plain in agents:
-                    self.problems.add(f"agents.{key}", f"the same agent as agents.{plain}")
+                    self.diagnostics.add(f"agents.{key}", f"the same agent as agents.{plain}")
                 agents[plain] = agents.pop(key)
 
     @property
@@ -229,7 +231,7 @@ class Draft:
         kinds = sorted(known(group))
         if ":" in name or name in kinds:
             return True
-        self.problems.add(
+        self.diagnostics.add(
             key,
             f"there is no [{group}.{name}] and no kind {name!r}{nearest(name, [*tables, *kinds])}"
             f" tables: {listed(tables)}; known {group}: {listed(kinds)}",

@@ -23,7 +23,7 @@ def is_fault(path: Sequence[str]) -> bool:
     return len(path) == 2 and path[0] == "faults"
 
 
-def number_rules(table: dict[str, Any], problems: Diagnostics) -> None:
+def number_rules(table: dict[str, Any], diagnostics: Diagnostics) -> None:
     """Turn the list of rules into a table from ``"1"`` on, in the order of the file."""
     faults = table.get("faults")
     if not isinstance(faults, dict) or "rule" not in faults:
@@ -33,11 +33,11 @@ def number_rules(table: dict[str, Any], problems: Diagnostics) -> None:
         faults["rule"] = {str(number): rule for number, rule in enumerate(rules, 1)}
     elif not isinstance(rules, dict) or not all(key.isdecimal() for key in rules):
         wanted = expected(Faults.model_fields["rule"].annotation)
-        problems.add("faults.rule", f"expected {wanted}, each under [[faults.rule]], not {show(rules)}")
+        diagnostics.add("faults.rule", f"expected {wanted}, each under [[faults.rule]], not {show(rules)}")
         del faults["rule"]
 
 
-def list_rules(table: dict[str, Any], problems: Diagnostics) -> None:
+def list_rules(table: dict[str, Any], diagnostics: Diagnostics) -> None:
     """Turn the numbered rules into a list again."""
     faults = table.get("faults")
     if not isinstance(faults, dict) or not isinstance(faults.get("rule"), dict):
@@ -45,7 +45,7 @@ def list_rules(table: dict[str, Any], problems: Diagnostics) -> None:
     rules = faults["rule"]
     for place, key in enumerate(sorted(rules, key=lambda key: (len(key), key)), 1):
         if key != str(place):
-            problems.add(f"faults.rule.{key}", f"cannot be set: the next rule is faults.rule.{place}")
+            diagnostics.add(f"faults.rule.{key}", f"cannot be set: the next rule is faults.rule.{place}")
             del rules[key]
             break
     faults["rule"] = [rules[key] for key in sorted(rules, key=int)]
@@ -89,20 +89,20 @@ class FaultShorthand:
                 full = {"kind": usual, **(fault if isinstance(fault, dict) else {BARE: fault})}
                 owner[name] = spelled_out("faults", full, self.folder, run=self.run)
 
-    def check(self, table: dict[str, Any], problems: Diagnostics) -> None:
-        """Remove entries that are no faults, and add them to `problems`. All faults are spelled out."""
+    def check(self, table: dict[str, Any], diagnostics: Diagnostics) -> None:
+        """Remove entries that are no faults, and add them to `diagnostics`. All faults are spelled out."""
         for path, owner in _entries(table):
             key, name, fault = ".".join(path), path[-1], owner[path[-1]]
             if len(path) == 2 and name in RULE_KEYS:
-                problems.add(key, "expected in a [[faults.rule]]; faults in [faults] itself are those of all links")
+                diagnostics.add(key, "expected in a [[faults.rule]]; faults in [faults] itself are those of all links")
                 del owner[name]
             elif fault and not isinstance(fault["kind"], str):
-                problems.add(f"{key}.kind", f"expected a string, not {show(fault['kind'])}")
+                diagnostics.add(f"{key}.kind", f"expected a string, not {show(fault['kind'])}")
                 del owner[name]
             elif fault and BARE in fault:
                 first = first_key("faults", fault["kind"], self.folder, run=self.run)
                 if first != BARE:
-                    problems.add(f"{key}.{BARE}", f"given twice: also as {key}.{first}")
+                    diagnostics.add(f"{key}.{BARE}", f"given twice: also as {key}.{first}")
                     del fault[BARE]
 
     def files(self, table: dict[str, Any], changed: Sequence[str]) -> Iterator[tuple[dict[str, Any], str]]:

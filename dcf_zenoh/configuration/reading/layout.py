@@ -31,20 +31,20 @@ def lay_out(draft: Draft) -> bool:
     kind, seed = options.pop("kind", None), draft.table.get("seed", 0)
     if kind not in LAYOUTS:
         near = nearest(str(kind), LAYOUTS)
-        draft.problems.add("layout.kind", f"expected a layout, not {show(kind)}{near} there are: {listed(LAYOUTS)}")
+        draft.diagnostics.add("layout.kind", f"expected a layout, not {show(kind)}{near} there are: {listed(LAYOUTS)}")
         return False
     layout = LAYOUTS[kind]
     schema = accepted(layout)
     for key, text in {**schema.convert(options)[1], **schema.missing(options)}.items():
-        draft.problems.add(f"layout.{key}", text)
-    if draft.problems.within("layout"):
+        draft.diagnostics.add(f"layout.{key}", text)
+    if draft.diagnostics.within("layout"):
         return False
     problem = _problem(draft)
     rng = np.random.Generator(np.random.Philox([seed if isinstance(seed, int) and seed >= 0 else 0, 0, 3]))
     try:
         places = create(layout, {"rng": rng, "clear": _clear(draft, problem, options["agents"])}, options, "layout")
     except PluginError as error:
-        draft.problems.add("layout", "; ".join(error.problems).partition(": ")[2].partition(": ")[2])
+        draft.diagnostics.add("layout", "; ".join(error.problems).partition(": ")[2].partition(": ")[2])
         return False
     aimed = problem is None or "target" in {each.name for each in accepted(problem).parameters}
     agents: Any = draft.table.setdefault("agents", {})

@@ -16,10 +16,10 @@ RENAMED = {  # keys of earlier fleet files
 }
 
 
-def validate(table: dict[str, Any], problems: Diagnostics) -> FleetSpec | None:
+def validate(table: dict[str, Any], diagnostics: Diagnostics) -> FleetSpec | None:
     """The specification in `table`.
 
-    What is refused is added to `problems` and taken out of `table`, so that the rest can still be checked.
+    What is refused is added to `diagnostics` and taken out of `table`, so that the rest can still be checked.
 
     Returns:
         None if there is nothing to go on with: what is required is not there.
@@ -32,7 +32,7 @@ def validate(table: dict[str, Any], problems: Diagnostics) -> FleetSpec | None:
                 place = _find(each["loc"])
                 value = _take(table, place.path)
                 inside = len(each["loc"]) > len(place.path)  # what is wrong with a value is not said of its parts
-                problems.add(".".join(place.path), _text(place, "" if inside else each["type"], value))
+                diagnostics.add(".".join(place.path), _text(place, "" if inside else each["type"], value))
             table.setdefault("name", "unnamed")
     return None
 
