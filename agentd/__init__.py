@@ -1,7 +1,7 @@
 """The daemon of one agent, the launcher of a fleet, and the command line.
 
-Importing this package fixes the number of BLAS threads to one, here and in child processes. That must happen before
-numpy is imported; with more threads matrix products may differ in their last bits.
+Importing this package sets the number of BLAS threads to one, in this process and its children, because with more
+threads the last bits of matrix products may differ. It has to be imported before numpy.
 """
 
 import os

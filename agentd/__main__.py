@@ -4,9 +4,9 @@ import sys
 
 
 def main() -> int:
-    """Run the command line; its exit code. Ctrl-C is answered properly from the first import on."""
+    """Run the command line; return its exit code. Handles Ctrl-C during the imports, too."""
     try:
-        from agentd.cli import main  # noqa: PLC0415 - imports take a while
+        from agentd.cli import main  # noqa: PLC0415 - takes so long that Ctrl-C may come meanwhile
 
         return main()
     except KeyboardInterrupt:

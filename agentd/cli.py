@@ -1,4 +1,4 @@
-"""The command line: what `agentd` understands, and how it ends (`agentd.exit_codes`)."""
+"""The command line: parses the arguments, runs the command, turns errors into messages and exit codes."""
 
 import argparse
 import logging
@@ -30,28 +30,28 @@ FLEET is a fleet file (TOML) or the name of a built-in fleet; RUN is the directo
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line; its exit code."""
+    """Run the command line; return its exit code."""
     options = _parser().parse_args(arguments)
     logging.basicConfig(level=logging.WARNING, format="%(message)s", stream=sys.stderr)
     options.output = sys.stdout
-    aside = sys.stderr if getattr(options, "json", False) else sys.stdout  # for what plug-ins print
+    plugin_output = sys.stderr if getattr(options, "json", False) else sys.stdout
     try:
-        with redirect_stdout(aside):
+        with redirect_stdout(plugin_output):
             code: int = options.command(options)
         return code
     except DcfError as error:
-        _complain(error)
+        _print_error(error)
         return exit_codes.of(error)
     except KeyboardInterrupt:
         print("agentd: interrupted", file=sys.stderr)
         return exit_codes.CTRL_C
-    except BrokenPipeError:  # whoever read our output has had enough
+    except BrokenPipeError:  # the reader of our output has closed it, as head does
         sys.stderr.close()
         return exit_codes.FAILED
 
 
-def _complain(error: DcfError) -> None:
-    """One line per problem; before it, the traceback of an exception in the user's own code."""
+def _print_error(error: DcfError) -> None:
+    """Print one line per problem; before them the traceback, if the error comes from an exception in user code."""
     if isinstance(error, AlgorithmError | FaultError | PlantError) and not isinstance(error.__cause__, DcfError | None):
         traceback.print_exception(error.__cause__)
     for line in str(error).splitlines():

@@ -1,4 +1,7 @@
-"""What each command of `agentd` does. Their docstrings are the help texts."""
+"""The commands of `agentd`, one function each. Their docstrings are the help texts.
+
+Each command imports what it alone needs when it runs, so that every command starts fast.
+"""
 
 import json
 import sys
@@ -9,16 +12,16 @@ from typing import TypeAlias
 
 from agentd.endpoints import default_endpoints
 from agentd.run_and_report import (
-    judge,
-    launch_and_tell,
-    load_as_asked,
-    print_judgement,
+    consult_oracle,
+    launch_and_report,
+    load_fleet,
+    print_oracles,
     print_wide,
     read_run,
-    simulate_and_tell,
+    simulate_and_report,
 )
 from agentd.run_directory import check_unused, new_run_folder, read_run_json
-from dcf_zenoh.config import load, to_toml
+from dcf_zenoh.config import freeze, load, to_toml
 from dcf_zenoh.errors import ConfigurationError, RecordingError
 from dcf_zenoh.plugins import GROUPS
 from dcf_zenoh.records.run import Run
@@ -32,8 +35,8 @@ def launch(options: Namespace) -> int:
     Shows how far each agent is, ends with a summary and figures, and leaves everything in a run directory. When an
     agent fails the others end too (or hold, if the fleet file says so) and the exit code is not 0. Ctrl-C ends all.
     """
-    fleet = load_as_asked(options)
-    launch_and_tell(fleet, new_run_folder(fleet.spec, options.out), options)
+    fleet = load_fleet(options)
+    launch_and_report(fleet, new_run_folder(fleet.spec, options.out), options)
     return 0
 
 
@@ -48,19 +51,18 @@ def run(options: Namespace) -> int:
     simulated plant goes on from its last recorded state.
     """
     from agentd.daemon.daemon import Assignment, claim_stdout, run_agent  # noqa: PLC0415
-    from dcf_zenoh.config import freeze  # noqa: PLC0415
 
     status = claim_stdout() if options.supervised else None
-    fleet = load_as_asked(options, unused=not options.supervised)  # the launcher has checked it all
+    fleet = load_fleet(options, unused=not options.supervised)  # the launcher has checked unused tables
     if options.id not in fleet.spec.agents:
         raise ConfigurationError(
             f"--id {options.id}: there is no such agent; agents are {list(fleet.spec.ids)}", fleet.source
         )
     folder: Path = options.out or Path("runs") / fleet.spec.name
-    about = read_run_json(folder)
-    endpoints = {int(i): str(endpoint) for i, endpoint in about.get("endpoints", {}).items()}
-    if options.rejoin and "ended" in about:
-        raise RecordingError(f"{folder}: --rejoin: this run ended at {about['ended']}")
+    launched = read_run_json(folder)
+    endpoints = {int(i): str(endpoint) for i, endpoint in launched.get("endpoints", {}).items()}
+    if options.rejoin and "ended" in launched:
+        raise RecordingError(f"{folder}: --rejoin: this run ended at {launched['ended']}")
     if options.rejoin and fleet.spec.time.clock == "virtual":
         raise ConfigurationError("--rejoin: only on the wall clock; a run in virtual time can be repeated instead")
     if not (options.supervised or options.rejoin):
@@ -68,7 +70,7 @@ def run(options: Namespace) -> int:
         fleet = freeze(fleet, folder)
     task = Assignment(
         agent=options.id,
-        run=options.run or about.get("run", "manual"),
+        run=options.run or launched.get("run", "manual"),
         folder=folder,
         endpoints=endpoints or default_endpoints(fleet.spec),
         rejoin=options.rejoin,
@@ -87,8 +89,8 @@ def simulate(options: Namespace) -> int:
     if options.clock == "wall":
         raise ConfigurationError("--clock wall: simulate runs in virtual time; agentd launch knows the wall clock")
     options.clock = "virtual"
-    fleet = load_as_asked(options)
-    simulate_and_tell(fleet, new_run_folder(fleet.spec, options.out), options)
+    fleet = load_fleet(options)
+    simulate_and_report(fleet, new_run_folder(fleet.spec, options.out), options)
     return 0
 
 
@@ -99,9 +101,9 @@ def check(options: Namespace) -> int:
     is given: their files are read, not executed. A built-in problem that is solved once is solved in one place, and a
     note says if it has no solution.
     """
-    from dcf_zenoh.analysis.oracle import unsolvable  # noqa: PLC0415 - OSQP is for those who need it
+    from dcf_zenoh.analysis.oracle import unsolvable  # noqa: PLC0415 - imports OSQP
 
-    fleet = load_as_asked(options, run_plugins=options.load)
+    fleet = load_fleet(options, run_plugins=options.load)
     if reason := unsolvable(fleet):
         print(f"agentd: note: problem: {reason}", file=sys.stderr)
     print(to_toml(fleet.spec), end="")
@@ -133,9 +135,9 @@ def report(options: Namespace) -> int:
     runs, folder = [Run.read(each) for each in options.runs], options.out or options.runs[0]
     written = write_report(runs, folder, animate=options.animate)
     if options.oracle:
-        judged = judge(runs)
-        written += write_oracle(runs, judged, folder) if judged else []
-        print_judgement(runs, judged)
+        oracles = consult_oracle(runs)
+        written += write_oracle(runs, oracles, folder) if oracles else []
+        print_oracles(runs, oracles)
     for path in written:
         print(path)
     return 0
@@ -166,7 +168,7 @@ def fault(options: Namespace) -> int:
     is in the log of the agents that it is for, with the time from which it acts. The exit code is 1 if an agent does
     not answer or refuses.
     """
-    from agentd.operator.change_faults import fault as change_fault  # noqa: PLC0415 - Zenoh is for those who need it
+    from agentd.operator.change_faults import fault as change_fault  # noqa: PLC0415 - imports Zenoh
 
     return change_fault(options.run, options.senders, options.receivers, options.words)
 
@@ -180,7 +182,7 @@ def preflight(options: Namespace) -> int:
     from agentd.launcher.preflight import inspect, inspection_table  # noqa: PLC0415
 
     options.clock = options.clock or "wall"
-    fleet = load_as_asked(options)
+    fleet = load_fleet(options)
     inspections = inspect(fleet)
     print_wide(options.output, inspection_table(fleet.spec.name, inspections))
     problems = [line for each in inspections for line in each.problems]
@@ -194,7 +196,7 @@ def land(options: Namespace) -> int:
 
     In the terminal of `agentd launch` the key l does the same.
     """
-    from agentd.operator.land_stop import end_flight  # noqa: PLC0415 - Zenoh is for those who need it
+    from agentd.operator.land_stop import end_flight  # noqa: PLC0415 - imports Zenoh
 
     return end_flight(options.run, "land")
 
@@ -205,7 +207,7 @@ def stop(options: Namespace) -> int:
     It does not go through the control loop, so it also works where an algorithm hangs; such an agent cannot answer.
     In the terminal of `agentd launch` the key x does the same.
     """
-    from agentd.operator.land_stop import end_flight  # noqa: PLC0415 - Zenoh is for those who need it
+    from agentd.operator.land_stop import end_flight  # noqa: PLC0415 - imports Zenoh
 
     return end_flight(options.run, "stop")
 
@@ -222,7 +224,7 @@ def rerun(options: Namespace) -> int:
     fleet = load(options.run / "fleet.toml")
     folder = new_run_folder(fleet.spec, options.out)
     virtual = fleet.spec.time.clock == "virtual"
-    (simulate_and_tell if virtual else launch_and_tell)(fleet, folder, options)
+    (simulate_and_report if virtual else launch_and_report)(fleet, folder, options)
     difference = compare(first, Run.read(folder))
     print(difference, file=sys.stderr)
     return 1 if virtual and not difference.identical else 0
@@ -306,15 +308,15 @@ def links(options: Namespace) -> int:
     from agentd.results.link_table import links_object, links_table, remark, title  # noqa: PLC0415
     from dcf_zenoh.analysis.link_health import link_health  # noqa: PLC0415
 
-    found = read_run(options.run)
-    health = link_health(found)
-    lines = "" if options.export is None else export_links(found, health, options.export)
+    recorded = read_run(options.run)
+    health = link_health(recorded)
+    lines = "" if options.export is None else export_links(recorded, health, options.export)
     if options.json:
-        print(json.dumps(links_object(found, health)), file=options.output)
+        print(json.dumps(links_object(recorded, health)), file=options.output)
     elif lines:
         print(lines, end="", file=options.output)
     else:
-        print_wide(options.output, title(found, health), links_table(health), remark(found, health))
+        print_wide(options.output, title(recorded, health), links_table(health), remark(recorded, health))
     return 0
 
 
@@ -331,8 +333,8 @@ def why(options: Namespace) -> int:
     from agentd.results.explanation_text import why_lines  # noqa: PLC0415
     from dcf_zenoh.analysis.explanation import explain  # noqa: PLC0415
 
-    found = read_run(options.run)
-    for line in why_lines(found, explain(found, changes_of(found))):
+    recorded = read_run(options.run)
+    for line in why_lines(recorded, explain(recorded, changes_of(recorded))):
         print(line, file=options.output)
     return 0
 
@@ -350,6 +352,6 @@ def emulate_crazyflie(options: Namespace) -> int:
       1 place 0.5 0.0 90     m, m, deg          1 restart          off and on again
       1 state                                   quit
     """
-    from agentd.launcher.emulate import emulate  # noqa: PLC0415 - compiles the model
+    from agentd.launcher.emulate import emulate  # noqa: PLC0415 - imports numba
 
     return emulate(options)

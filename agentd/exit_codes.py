@@ -1,4 +1,4 @@
-"""What `agentd` says when it ends."""
+"""Exit codes of `agentd`."""
 
 import signal
 
@@ -8,13 +8,13 @@ DONE = 0
 FAILED = 1  # a run failed, or two runs differ
 MISUSED = 2  # the command line or the fleet file is wrong
 NEIGHBOUR_LOST = 3  # an agent failed because another agent of the fleet did
-STOPPED = 4  # an agent was told to end before its time
-SIGNALLED = 128  # and the number of the signal that stopped it
+STOPPED = 4  # an operator, the launcher or a signal ended an agent early
+SIGNALLED = 128  # plus the number of the signal that stopped the command
 CTRL_C = SIGNALLED + signal.SIGINT
 
 
 def of(error: DcfError) -> int:
-    """The exit code for an error."""
+    """Return the exit code for an error."""
     if isinstance(error, Interrupted):
         return SIGNALLED + error.signal
     if isinstance(error, NeighbourLost):

@@ -1,4 +1,4 @@
-"""The options of each command of `agentd`."""
+"""The commands of `agentd` with their arguments and options."""
 
 import argparse
 from pathlib import Path
@@ -13,14 +13,21 @@ RUN = "run directory, or name of a fleet: its newest run below runs/"
 
 
 class Add(Protocol):
-    """Adds a command: its name, what it does, a line of help, and the options that it shares with others."""
+    """Function that adds a command to the command line."""
 
     def __call__(self, name: str, function: commands.Command, help: str, *parents: Parser) -> Parser:
-        """The parser of the new command."""
+        """Add a command; return its parser, to which its own options can be added.
+
+        Args:
+            name: Name of the command.
+            function: Function to call with the parsed options; its docstring is the help text.
+            help: Line in the list of commands.
+            parents: Options that the command shares with other commands.
+        """
 
 
 def add_flights(command: Add, fleet: Parser, results: Parser) -> None:
-    """Add what is done with fleets."""
+    """Add the commands that take a fleet."""
     launch = command("launch", commands.launch, "run a fleet as one daemon per agent on this machine", fleet, results)
     run = command("run", commands.run, "run one agent of a fleet: one daemon", fleet)
     for each in (launch, run):
@@ -57,7 +64,7 @@ def add_flights(command: Add, fleet: Parser, results: Parser) -> None:
 
 
 def add_interventions(command: Add) -> None:
-    """Add what is done to a fleet that flies."""
+    """Add the commands that act on a running fleet."""
     fault = command("fault", commands.fault, "change the faults of a fleet that runs, show or export what was changed")
     fault.add_argument("run", metavar="RUN", help=RUN)
     fault.add_argument("--from", dest="senders", metavar="I[,J]", help="sending agents (default: all)")
@@ -72,7 +79,7 @@ def add_interventions(command: Add) -> None:
 
 
 def add_runs(command: Add, results: Parser) -> None:
-    """Add what is done with runs."""
+    """Add the commands that take runs."""
     report = command("report", commands.report, "draw the figures of one run, or of several side by side")
     report.add_argument("runs", nargs="+", type=Path, metavar="RUN")
     report.add_argument("--out", type=Path, metavar="DIR", help="where figures go (default: the first run)")
@@ -99,7 +106,7 @@ def add_runs(command: Add, results: Parser) -> None:
 
 
 def add_emulator(command: Add) -> None:
-    """Add the software Crazyflies."""
+    """Add the command for emulated Crazyflies."""
     drones = command("emulate-crazyflie", commands.emulate_crazyflie, "software Crazyflies that cflib connects to")
     drones.add_argument("--n", type=int, default=4, metavar="N", help="how many (default: 4)")
     drones.add_argument("--fleet", metavar="FLEET", help="instead: one per agent of a fleet, at its start and URI")
@@ -118,7 +125,7 @@ def add_emulator(command: Add) -> None:
 
 
 def fleet_options() -> Parser:
-    """What all commands take that load a fleet."""
+    """Return the options of all commands that load a fleet."""
     options = argparse.ArgumentParser(add_help=False)
     options.add_argument("fleet", metavar="FLEET", help="fleet file, or name of a built-in fleet")
     group = options.add_argument_group("instead of what the fleet file says")
@@ -134,7 +141,7 @@ def fleet_options() -> Parser:
 
 
 def result_options() -> Parser:
-    """What all commands take that end with results."""
+    """Return the options of all commands that report a run."""
     options = argparse.ArgumentParser(add_help=False)
     options.add_argument("--out", type=Path, metavar="DIR", help="run directory (default: a new one below runs/)")
     options.add_argument("--json", action="store_true", help="print one JSON object and nothing else")

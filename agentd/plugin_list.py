@@ -1,4 +1,4 @@
-"""All kinds that a fleet file can name, as text."""
+"""List of all kinds that a fleet file can name, with their keys."""
 
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -9,22 +9,25 @@ from dcf_zenoh.plugins import REQUIRED, Parameter, accepted, known, load
 
 
 def catalogue(groups: Iterable[str]) -> Iterator[str]:
-    """Line by line: each group, its kinds with what they are, and the keys that each accepts.
+    """Yield the lines of the list: each group, its kinds with their summaries, and the keys of each kind.
 
     A kind that cannot be used is listed with the reason.
+
+    Args:
+        groups: Groups of entry points, of `dcf_zenoh.plugins.GROUPS`.
     """
     for group in groups:
         names = sorted(known(group))
         width = max(map(len, names), default=0)
         yield group
         for name in names:
-            what, *keys = _kind(group, name)
-            yield f"  {name:<{width}}   {what}"
+            summary, *keys = _kind(group, name)
+            yield f"  {name:<{width}}   {summary}"
             yield from (f"    {key}" for key in keys)
 
 
 def _kind(group: str, name: str) -> list[str]:
-    """What it is, and one line for each key."""
+    """Return the summary of a kind, followed by one line for each key."""
     try:
         plugin = load(group, name, Path())
         keys = accepted(plugin).parameters
@@ -35,7 +38,7 @@ def _kind(group: str, name: str) -> list[str]:
 
 
 def _key(key: Parameter, path: str = "") -> Iterator[str]:
-    """Yield ``accel_max: number = 2.0``, and of a sub-table a line for each of its keys, ``weights.input: number``."""
+    """Yield ``accel_max: number = 2.0``; for a sub-table a line for each of its keys, ``weights.input: number``."""
     name = f"{path}{key.name}"
     if key.default is REQUIRED:
         yield f"{name}: {type_name(key.type)}, required"

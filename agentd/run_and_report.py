@@ -1,4 +1,4 @@
-"""What several commands do: load a fleet as the options say, run it, and tell what came of it."""
+"""Steps that commands share: load a fleet with the options applied, run it, and report the run."""
 
 import json
 import sys
@@ -12,23 +12,32 @@ from dcf_zenoh.config import LoadedFleet, Overrides, load
 from dcf_zenoh.errors import DcfError, Landed, RecordingError
 from dcf_zenoh.records.run import Run
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # these take time to import, and daemons need neither
     from rich.console import RenderableType
 
     from dcf_zenoh.analysis.oracle import Oracle
 
-WIDE = 160  # characters
+WIDTH = 160  # characters of a line where there is no terminal
 
 
-def launch_and_tell(fleet: LoadedFleet, folder: Path, options: Namespace) -> None:
-    """Launch, and say what came of it, also when it failed."""
+def launch_and_report(fleet: LoadedFleet, folder: Path, options: Namespace) -> None:
+    """Launch a fleet and report its run, even if the launch fails.
+
+    Args:
+        fleet: Fleet to run.
+        folder: An empty run directory.
+        options: Options of the command line.
+
+    Raises:
+        DcfError: The launch failed; or it did not, and the run cannot be read.
+    """
     failure: DcfError | None = None
     try:
         launch_with_progress(fleet, folder, quiet=options.json, yes=options.yes)
     except DcfError as error:
         failure = error
     try:
-        tell(Run.read(folder), options)
+        report_run(Run.read(folder), options)
     except RecordingError:
         if failure is None:
             raise
@@ -36,11 +45,20 @@ def launch_and_tell(fleet: LoadedFleet, folder: Path, options: Namespace) -> Non
         raise failure
 
 
-def simulate_and_tell(fleet: LoadedFleet, folder: Path, options: Namespace) -> None:
-    """Simulate, and say what came of it."""
-    found = simulate_into(folder, fleet)
-    tell(found, options)
-    if landed := [log.landed for log in found.agents.values() if log.landed]:
+def simulate_and_report(fleet: LoadedFleet, folder: Path, options: Namespace) -> None:
+    """Simulate a fleet and report its run.
+
+    Args:
+        fleet: Fleet to run.
+        folder: An empty run directory.
+        options: Options of the command line.
+
+    Raises:
+        Landed: Agents landed before the planned end.
+    """
+    run = simulate_into(folder, fleet)
+    report_run(run, options)
+    if landed := [log.landed for log in run.agents.values() if log.landed]:
         raise Landed("\n".join(landed))
 
 
@@ -48,10 +66,10 @@ def launch_with_progress(fleet: LoadedFleet, folder: Path, *, quiet: bool, yes: 
     """Launch a fleet and show its progress on standard error.
 
     Args:
-        fleet: What to run.
+        fleet: Fleet to run.
         folder: An empty run directory.
-        quiet: Print only what goes wrong.
-        yes: Real bodies may take off without a key press.
+        quiet: Print failures only.
+        yes: Whether real bodies may take off without a key press.
 
     Raises:
         DcfError: As `agentd.launcher.launch.launch` does.
@@ -71,8 +89,17 @@ def simulate_into(folder: Path, fleet: LoadedFleet) -> Run:
     return simulate(fleet, out=folder)
 
 
-def load_as_asked(options: Namespace, *, run_plugins: bool = True, unused: bool = True) -> LoadedFleet:
-    """The fleet that the options name; what the user should know goes to standard error."""
+def load_fleet(options: Namespace, *, run_plugins: bool = True, unused: bool = True) -> LoadedFleet:
+    """Load the fleet that the options name; print notes on it on standard error.
+
+    Args:
+        options: Options of the command line.
+        run_plugins: As in `dcf_zenoh.config.load`.
+        unused: As in `dcf_zenoh.config.load`.
+
+    Raises:
+        ConfigurationError: The fleet cannot be used.
+    """
     fleet = load(
         options.fleet,
         Overrides(
@@ -92,41 +119,45 @@ def load_as_asked(options: Namespace, *, run_plugins: bool = True, unused: bool 
 
 
 def read_run(folder: Path) -> Run:
-    """A run; what is missing of it goes to standard error."""
-    found = Run.read(folder)
-    for gap in found.gaps:
+    """Read a run; print a note on standard error about each gap in it.
+
+    Raises:
+        RecordingError: There is no run in the directory, or it cannot be read.
+    """
+    run = Run.read(folder)
+    for gap in run.gaps:
         print(f"agentd: note: {gap}", file=sys.stderr)
-    return found
+    return run
 
 
-def tell(run: Run, options: Namespace) -> None:
-    """Summary and figures at the end of a run."""
+def report_run(run: Run, options: Namespace) -> None:
+    """Print the summary of a run, and draw its figures unless the options forbid it."""
     from rich.console import Console  # noqa: PLC0415
 
     from agentd.results.summary import summary_table  # noqa: PLC0415
 
-    judged = judge([run]) if options.oracle else []
+    oracles = consult_oracle([run]) if options.oracle else []
     summary = run.summary()
     if options.oracle:
-        summary["oracle"] = judged[0].summary() if judged else None
+        summary["oracle"] = oracles[0].summary() if oracles else None
     if options.json:
         print(json.dumps(summary), file=options.output)
     else:
         Console().print(summary_table(summary))
-        print_judgement([run], judged)
+        print_oracles([run], oracles)
     if not options.no_report and run.folder is not None:
         from agentd.results.report import write_oracle, write_report  # noqa: PLC0415
 
         written = write_report([run], run.folder, animate=options.animate)
-        written += write_oracle([run], judged, run.folder) if judged else []
+        written += write_oracle([run], oracles, run.folder) if oracles else []
         if not options.json:
             figures = f", and {', '.join(path.name for path in written)}" if written else ""
             print(f"{run.folder}: log of every agent{figures}")
 
 
-def judge(runs: Sequence[Run]) -> "list[Oracle]":
-    """What a central solver says of each run; nothing, and a word to the user, if it cannot say it of all."""
-    from dcf_zenoh.analysis.oracle import NoOracle, consult  # noqa: PLC0415 - OSQP is for those who need it
+def consult_oracle(runs: Sequence[Run]) -> "list[Oracle]":
+    """Compare each run with its central solution; print a note and return an empty list if that fails for one."""
+    from dcf_zenoh.analysis.oracle import NoOracle, consult  # noqa: PLC0415 - imports OSQP
 
     try:
         return [consult(run) for run in runs]
@@ -135,20 +166,20 @@ def judge(runs: Sequence[Run]) -> "list[Oracle]":
         return []
 
 
-def print_judgement(runs: Sequence[Run], judged: "Sequence[Oracle]") -> None:
-    """A table of what was found for each run."""
+def print_oracles(runs: Sequence[Run], oracles: "Sequence[Oracle]") -> None:
+    """Print a table of the comparison of each run with its central solution."""
     from rich.console import Console  # noqa: PLC0415
 
     from agentd.results.oracle_table import oracle_table  # noqa: PLC0415
 
-    for run, found in zip(runs, judged, strict=False):
-        Console().print(oracle_table(run, found), highlight=False)
+    for run, oracle in zip(runs, oracles, strict=False):
+        Console().print(oracle_table(run, oracle), highlight=False)
 
 
 def print_wide(output: IO[str], *what: "RenderableType") -> None:
-    """Print tables and lines in the width of the terminal, or in `WIDE` characters where there is none."""
-    from rich.console import Console  # noqa: PLC0415 - daemons print no tables
+    """Print tables and lines in the width of the terminal, or in `WIDTH` characters where there is none."""
+    from rich.console import Console  # noqa: PLC0415
 
     console = Console(file=output)
-    console = console if console.is_terminal else Console(file=output, width=WIDE)
+    console = console if console.is_terminal else Console(file=output, width=WIDTH)
     console.print(*what, sep="\n", highlight=False)

@@ -1,1 +1,1 @@
-"""Fleet files that every command finds by name."""
+"""The built-in fleet files, which every command finds by name."""

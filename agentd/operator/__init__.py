@@ -1,1 +1,1 @@
-"""The operator's side of a running fleet: find it, ask it, change its faults, land or stop it."""
+"""The operator's commands on a running fleet: find it, query its agents, change their faults, land or stop them."""

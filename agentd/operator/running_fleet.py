@@ -1,4 +1,4 @@
-"""Where a run is: its directory, its fleet, where its agents listen, and whether it is over."""
+"""A running fleet as its run directory describes it: specification, endpoints, logs, and whether the run is over."""
 
 import tomllib
 from collections.abc import Mapping
@@ -20,17 +20,17 @@ RUNS = Path("runs")
 
 @dataclass(frozen=True)
 class RunningFleet:
-    """A run, as its directory tells.
+    """A run that may still be under way.
 
     Attributes:
-        folder: The run directory.
-        fleet: The resolved fleet.
-        about: What the launcher has noted; nothing if there was none.
+        folder: Run directory.
+        fleet: Fleet of the run.
+        run_json: Content of ``run.json``, written by a launcher; empty if the daemons were started by hand.
     """
 
     folder: Path
     fleet: LoadedFleet
-    about: Mapping[str, Any]
+    run_json: Mapping[str, Any]
 
     @classmethod
     def read(cls, folder: Path) -> "RunningFleet":
@@ -38,51 +38,51 @@ class RunningFleet:
 
         Raises:
             ConfigurationError: Its fleet file cannot be read.
-            RecordingError: What the launcher has noted cannot be read.
+            RecordingError: Its ``run.json`` cannot be read.
         """
         return cls(folder, load(folder / "fleet.toml"), read_run_json(folder))
 
     @property
     def logs(self) -> dict[int, AgentLog]:
-        """Id -> what the agent has recorded so far, of those whose logs are here and can be read."""
+        """Id -> log so far of the agent, for the agents whose logs are in the directory and can be read."""
         return self._read[0]
 
     @property
     def unreadable(self) -> dict[int, str]:
-        """Id -> why its log, which is here, cannot be read."""
+        """Id -> why the log of the agent, which is in the directory, cannot be read."""
         return self._read[1]
 
     @cached_property
     def _read(self) -> tuple[dict[int, AgentLog], dict[int, str]]:
         logs: dict[int, AgentLog] = {}
-        problems: dict[int, str] = {}
+        unreadable: dict[int, str] = {}
         for i in (i for i in self.fleet.spec.ids if has_log(self.folder, i)):
             try:
                 logs[i] = AgentLog.load(self.folder, i, self.fleet.spec)
             except RecordingError as error:
-                problems[i] = str(error)
-        return logs, problems
+                unreadable[i] = str(error)
+        return logs, unreadable
 
     @cached_property
     def over(self) -> bool:
-        """Whether all agents have ended, as far as is known here."""
-        if self.about.get("endpoints"):
-            return "ended" in self.about
+        """Whether all agents have ended, as far as the directory shows."""
+        if self.run_json.get("endpoints"):
+            return "ended" in self.run_json
         return len(self.logs) == len(self.fleet.spec.ids) and all(log.end for log in self.logs.values())
 
     @property
     def address(self) -> Address:
-        """Where an operator reaches the agents."""
+        """Keys and endpoints at which an operator reaches the agents."""
         spec = self.fleet.spec
-        run = self.about.get("run") or next(
+        run = self.run_json.get("run") or next(
             (str(log.header["run"]) for log in self.logs.values() if "run" in log.header), "manual"
         )
-        endpoints = self.about.get("endpoints") or default_endpoints(spec)
+        endpoints = self.run_json.get("endpoints") or default_endpoints(spec)
         return Address(f"dcf/{spec.name}/{run}", "", tuple(map(str, endpoints.values())), spec.zenoh.settings)
 
 
 def find_run(name: str) -> Path:
-    """The run directory `name`, or the newest below ``runs`` of the fleet of that name.
+    """Return the run directory `name`, or else the newest run below ``runs`` of the fleet `name`.
 
     Raises:
         RecordingError: There is neither.
@@ -90,22 +90,22 @@ def find_run(name: str) -> Path:
     folder = Path(name)
     if (folder / "fleet.toml").is_file():
         return folder
-    fleets: dict[str, tuple[int, Path]] = {}
+    newest: dict[str, tuple[int, Path]] = {}  # fleet -> time at which its newest run was made, and its directory
     for path in RUNS.glob("*/fleet.toml"):
-        found = _fleet_name(path), path.stat().st_mtime_ns, path.parent
-        fleets[found[0]] = max(fleets.get(found[0], (0, path.parent)), found[1:])
-    if name in fleets:
-        return fleets[name][1]
+        fleet, run = _fleet_name(path), (path.stat().st_mtime_ns, path.parent)
+        newest[fleet] = max(newest.get(fleet, run), run)
+    if name in newest:
+        return newest[name][1]
     if folder.is_dir():
         raise RecordingError(f"{folder}: not a run directory: it has no fleet.toml")
     raise RecordingError(
-        f"{name}: no run directory, and no run of a fleet of this name below {RUNS}/{nearest(name, fleets)}"
-        f" fleets that have run there: {listed(sorted(fleets))}"
+        f"{name}: no run directory, and no run of a fleet of this name below {RUNS}/{nearest(name, newest)}"
+        f" fleets that have run there: {listed(sorted(newest))}"
     )
 
 
 def _fleet_name(path: Path) -> str:
     try:
         return str(tomllib.loads(path.read_text(encoding="utf-8")).get("name", ""))
-    except (OSError, ValueError):  # somebody else's file
+    except (OSError, ValueError):  # not a fleet file of ours
         return ""
