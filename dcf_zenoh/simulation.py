@@ -179,7 +179,7 @@ class _SimulatedAgent(Runner):
         """Return those of `senders` whose messages must still come before `request` is answered."""
         if isinstance(request, Activate):
             return self.mailbox.unpromised(senders, request.until)
-        return self.mailbox.lacks(senders, request.step, request.round)
+        return self.mailbox.missing_from(senders, request.step, request.round)
 
 
 def run_agents(parts: Sequence[AgentParts], graph: Graph, choose: Choice | None = None) -> None:

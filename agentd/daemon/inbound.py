@@ -1,4 +1,4 @@
-"""How what comes over Zenoh gets into an agent's mailbox."""
+"""Reading from the network: messages into an agent's mailbox, events to what handles them."""
 
 import logging
 from collections.abc import Callable, Mapping
@@ -14,13 +14,13 @@ REFUSALS_LOGGED = 5
 
 
 class Inbound:
-    """Moves what arrives from the network into the mailbox.
+    """Reader of one agent's network session.
 
     Args:
-        network: Where it comes from.
-        mailbox: Where it goes.
-        stamp: When a message that is read now entered the link, and when it was there; fleet time in ns.
-        obey: Does what an operator asks for; its answer.
+        network: The session.
+        mailbox: Mailbox that takes the messages.
+        stamp: Message -> when it entered the link and when it was received, fleet time in ns; called when it is read.
+        obey: Carries out an operator's request and returns the answer.
 
     Attributes:
         agreed: Whether a person has agreed to the take-off.
@@ -40,10 +40,10 @@ class Inbound:
         self.agreed = False
 
     def wait(self, sender: int, deadline: float) -> bool:
-        """Take in the next message of `sender`, or events; whether there was any before `deadline`, monotonic s.
+        """Read the next message of `sender`, or an event; return whether there was any before `deadline`, monotonic s.
 
         Raises:
-            Stopped: An event says stop.
+            Stopped: An event stops the agent.
         """
         found = self._network.receive(sender, deadline)
         if found is not None:
@@ -52,36 +52,36 @@ class Inbound:
         return self.events(0.0)
 
     def drain(self, sender: int) -> None:
-        """Take in all that `sender` has sent and that is here already."""
+        """Read the messages of `sender` that have been received so far."""
         while (found := self._network.poll(sender)) is not None:
             self._take(found)
 
     def events(self, deadline: float) -> bool:
-        """Take in the next event; whether there was one before `deadline`, monotonic s.
+        """Handle the next event; return whether there was one before `deadline`, monotonic s.
 
         Raises:
-            Stopped: It says stop.
+            Stopped: The event stops the agent.
         """
         event = self._network.next_event(deadline)
         if isinstance(event, Stop):
             raise Stopped(event.reason)
         if isinstance(event, Lost) and event.agent in self._mailbox.senders:
-            self.drain(event.agent)  # it may have said goodbye before
+            self.drain(event.agent)  # its goodbye may be among its last messages
             if not self._mailbox.departed(event.agent):
                 self._mailbox.lost[event.agent] = "its liveliness token is gone"
         elif isinstance(event, Refused):
             self._take(event)
         elif isinstance(event, Hello):
-            self._welcome(event)
+            self._answer(event)
         elif isinstance(event, Command):
             event.reply(self._obey(event.request))
         elif isinstance(event, Agreed):
             self.agreed = True
         return event is not None
 
-    def _welcome(self, hello: Hello) -> None:
-        """Answer a neighbour that came later; if it was started again, its new life begins here."""
-        if hello.echo:  # it has heard an answer already; two that answer each other's answers never stop
+    def _answer(self, hello: Hello) -> None:
+        """Answer a neighbour that came later; after a restart of the neighbour, begin a new queue for it."""
+        if hello.echo:  # the sender has an answer already: answering answers would never end
             return
         try:
             self._network.answer(hello)
@@ -90,7 +90,7 @@ class Inbound:
             return
         j = hello.sender
         if j in self._mailbox.senders and hello.incarnation > self._mailbox.incarnation(j):
-            self._mailbox.welcome(j, hello.incarnation)
+            self._mailbox.restart(j, hello.incarnation)
 
     def _take(self, found: Message | Refused) -> None:
         if isinstance(found, Refused):
@@ -102,15 +102,15 @@ class Inbound:
 
 
 class Stamps:
-    """When messages entered their links, on the wall clock.
+    """Times of messages on the wall clock: when they entered their links, and when they were read.
 
-    A message is read when the loop has time for it, which says little about when it came. So it enters its link when it
-    was sent, by the sender's clock, corrected where that is measurably off; injected latency counts from there, and
-    the real one is part of it.
+    A message is read when the loop has time for it, which may be long after it was received. So it enters its link when
+    it was sent, by the sender's clock, corrected where that is measurably off. Injected latency counts from there; the
+    real latency is part of it.
 
     Args:
-        now: Fleet time, ns.
-        offsets: Neighbour -> by how much its clock is ahead.
+        now: Returns fleet time, ns.
+        offsets: Neighbour -> how far its clock is ahead.
     """
 
     def __init__(self, now: Callable[[], int], offsets: Mapping[int, ClockOffset]) -> None:
@@ -119,14 +119,10 @@ class Stamps:
         self._last: dict[int, int] = {}
 
     def __call__(self, message: Message) -> tuple[int, int]:
-        """When `message`, read now, entered, and now. Messages of one sender enter in the order of sending."""
+        """Return when `message`, read now, entered its link, and now; in order of sending for each sender."""
         now, sender = self._now(), message.sender
         if message.step < 0:  # before the common start
             return now, now
-        entered, before = message.sent - self._ahead.get(sender, 0), self._last.get(sender, 0)
-        if entered < before:  # noqa: PLR1730 - max() takes longer
-            entered = before
-        if entered > now:  # noqa: PLR1730
-            entered = now
-        self._last[sender] = entered
+        sent = message.sent - self._ahead.get(sender, 0)
+        entered = self._last[sender] = min(now, max(sent, self._last.get(sender, 0)))
         return entered, now

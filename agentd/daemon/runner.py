@@ -95,7 +95,7 @@ class WallRunner(Runner):
         inbound, mailbox = self._inbound, self._mailbox
         deadline = self._clock.deadline(until)
         for j in senders:
-            while not mailbox.knows(j, step, round) and j not in mailbox.lost:
+            while not mailbox.has_received(j, step, round) and j not in mailbox.lost:
                 if not inbound.wait(j, deadline) and time.monotonic() >= deadline:
                     for each in senders:
                         inbound.drain(each)
@@ -159,7 +159,7 @@ class VirtualRunner(Runner):
         if not senders:
             return self._pass_time(request.until)
         within = max(self._silence, self._patience) if step < 0 else self._silence
-        missing = partial(self._mailbox.lacks, senders, step, round)
+        missing = partial(self._mailbox.missing_from, senders, step, round)
         self._receive(senders, missing, f"in step {step} round {round}", within)
         return self._clock.now()
 

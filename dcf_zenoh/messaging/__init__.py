@@ -1,1 +1,1 @@
-"""What agents send one another, and how it travels."""
+"""Transport of messages between agents: mailbox, handshake, Zenoh session."""

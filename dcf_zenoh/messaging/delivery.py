@@ -6,13 +6,13 @@ from dcf_zenoh.message import Message, encode
 
 
 class Delivery(NamedTuple):
-    """A message on its way over one directed link.
+    """Message on its way over one directed link.
 
     Attributes:
-        message: What was sent.
+        message: The message.
         entered: When it entered the link, fleet time in ns. Never decreases along a link.
-        due: When it is there for the receiver, fleet time in ns.
-        here: Where the receiver is, shape (d,), in m; empty without a plant.
+        due: When the receiver gets it, fleet time in ns.
+        here: Position of the receiver, shape (d,), in m; empty without a plant.
     """
 
     message: Message

@@ -1,4 +1,4 @@
-"""What has arrived and is not consumed yet, in the order it was sent."""
+"""Messages that have been received and are not consumed yet, in the order of sending."""
 
 from bisect import insort
 from collections import deque
@@ -8,62 +8,72 @@ from dcf_zenoh.message import Last, Message
 from dcf_zenoh.messaging.delivery import Delivery
 from dcf_zenoh.requests import NEVER
 
-_new = tuple.__new__  # makes a named tuple in two thirds of the time
 
+class _SenderQueue:
+    """Queue of one in-neighbour.
 
-class _Sender:
-    """The queue of one in-neighbour."""
+    Attributes:
+        incarnation: Incarnation of the sender whose messages are accepted.
+        next: Sequence number that continues `ready`; None: the first message may have any number.
+        ready: Messages to be consumed.
+        ahead: Messages after a gap, with their numbers, ascending.
+        complete_to: Step and round up to which messages have been received without a gap.
+        promise: Instant before which the sender will send nothing more, ns.
+        goodbye: Kind of the sender's goodbye.
+        skipped: Numbers given up.
+    """
 
-    __slots__ = ("ahead", "farewell", "incarnation", "known", "next", "promise", "ready", "skipped")
+    __slots__ = ("ahead", "complete_to", "goodbye", "incarnation", "next", "promise", "ready", "skipped")
 
     def __init__(self, incarnation: int = 0, first: int | None = 0) -> None:
         self.incarnation = incarnation
-        self.next = first  # the sequence number that continues `ready`; None: whatever comes first
+        self.next = first
         self.ready: deque[Delivery] = deque()
-        self.ahead: list[tuple[int, Delivery]] = []  # ascending; arrived before a number that is still missing
-        self.known = (-NEVER, 0)  # heard without a gap up to this (step, round)
-        self.promise = -NEVER  # will send nothing before this instant
-        self.farewell = Last.NO
-        self.skipped: set[int] = set()  # numbers given up
+        self.ahead: list[tuple[int, Delivery]] = []
+        self.complete_to = (-NEVER, 0)
+        self.promise = -NEVER
+        self.goodbye = Last.NO
+        self.skipped: set[int] = set()
 
     def append(self, delivery: Delivery) -> None:
+        """Take in the next message."""
         message = delivery.message
         self.next = message.sequence + 1
-        if message.promise > self.promise:  # noqa: PLR1730 - max() takes longer
-            self.promise = message.promise
+        self.promise = max(self.promise, message.promise)
         if not message.last:
-            self.known = (message.step, message.round)
+            self.complete_to = (message.step, message.round)
         elif message.last is Last.OF_STEP:
-            self.known = (message.step, NEVER)
+            self.complete_to = (message.step, NEVER)
         elif message.last is Last.AWAY:
-            self.known = max(self.known, (message.step - 1, NEVER))
+            self.complete_to = max(self.complete_to, (message.step - 1, NEVER))
             return
         else:
-            self.farewell = message.last
-            self.known = (NEVER, 0)
+            self.goodbye = message.last
+            self.complete_to = (NEVER, 0)
             self.promise = NEVER
         self.ready.append(delivery)
 
 
 class Mailbox:
-    """Messages of the in-neighbours of one agent. Belongs to one thread and one run.
+    """Mailbox of one agent: the messages of its in-neighbours. Belongs to one thread and one run.
 
-    A sender's messages are released in the order of their numbers, whatever order a network delivers them in. What a
-    sender says to runners alone (`Last.AWAY`) is never released.
+    The messages of a sender are released in the order of their numbers, whatever the order in which a network delivers
+    them. Messages for runners alone (`Last.AWAY`) are never released.
 
     Args:
         senders: The in-neighbours.
-        first: Number of their first message; None: they are under way, whatever comes first is the beginning.
+        first: Number of their first message; None: they are already running, and any number may be the first.
 
     Attributes:
-        duplicates: Messages dropped because their sequence number was already released.
-        overtaken: Messages dropped because they came after their number had been given up, or from an earlier life.
-        refused: Arrivals that were no messages.
-        lost: Neighbours that died, and how that was noticed.
+        duplicates: Number of messages dropped because their sequence number had already been released.
+        overtaken: Number of messages dropped because they came after their number had been given up, or from an
+            earlier incarnation.
+        refused: Number of arrivals that were no messages.
+        lost: Neighbours that died -> how that was noticed.
     """
 
     def __init__(self, senders: Iterable[int], *, first: int | None = 0) -> None:
-        self._senders = {sender: _Sender(first=first) for sender in senders}
+        self._queues = {sender: _SenderQueue(first=first) for sender in senders}
         self.duplicates = 0
         self.overtaken = 0
         self.refused = 0
@@ -73,91 +83,91 @@ class Mailbox:
         """Take in one message.
 
         Args:
-            message: What arrived.
+            message: The message.
             entered: When it entered the link, fleet time in ns.
-            due: When it arrived, if that is another instant.
+            due: When it was received, fleet time in ns; None: the same instant.
         """
-        sender = self._senders[message.sender]
-        delivery = _new(Delivery, (message, entered, entered if due is None else due, ()))
-        if message.sequence == sender.next and message.incarnation == sender.incarnation and not sender.ahead:
-            sender.append(delivery)
+        queue = self._queues[message.sender]
+        delivery = Delivery(message, entered, entered if due is None else due)
+        if message.sequence == queue.next and message.incarnation == queue.incarnation and not queue.ahead:
+            queue.append(delivery)
         else:
-            self._sort_in(sender, delivery)
+            self._sort_in(queue, delivery)
 
-    def _sort_in(self, sender: _Sender, delivery: Delivery) -> None:
-        """Take in what is not just the next message of `sender`."""
+    def _sort_in(self, queue: _SenderQueue, delivery: Delivery) -> None:
+        """Take in a message that is not the next of its sender."""
         message = delivery.message
-        if message.incarnation != sender.incarnation:
-            if message.incarnation < sender.incarnation:
+        if message.incarnation != queue.incarnation:
+            if message.incarnation < queue.incarnation:
                 self.overtaken += 1
                 return
-            sender = self.welcome(message.sender, message.incarnation)
-        if sender.next is None:
-            sender.next = message.sequence
-        if message.sequence == sender.next:
-            sender.append(delivery)
-            while sender.ahead and sender.ahead[0][0] <= sender.next:
-                number, waiting = sender.ahead.pop(0)
-                if number == sender.next:
-                    sender.append(waiting)
+            queue = self.restart(message.sender, message.incarnation)
+        if queue.next is None:
+            queue.next = message.sequence
+        if message.sequence == queue.next:
+            queue.append(delivery)
+            while queue.ahead and queue.ahead[0][0] <= queue.next:
+                number, waiting = queue.ahead.pop(0)
+                if number == queue.next:
+                    queue.append(waiting)
                 else:
                     self.duplicates += 1
-        elif message.sequence in sender.skipped:
-            sender.skipped.discard(message.sequence)
+        elif message.sequence in queue.skipped:
+            queue.skipped.discard(message.sequence)
             self.overtaken += 1
-        elif message.sequence < sender.next:
+        elif message.sequence < queue.next:
             self.duplicates += 1
         else:
-            insort(sender.ahead, (message.sequence, delivery), key=lambda entry: entry[0])
+            insort(queue.ahead, (message.sequence, delivery), key=lambda entry: entry[0])
 
-    def welcome(self, sender: int, incarnation: int) -> _Sender:
-        """Begin anew with `sender`, who was started again; what its earlier life sent and nobody read is gone."""
+    def restart(self, sender: int, incarnation: int) -> _SenderQueue:
+        """Begin a new queue for a restarted `sender`; unread messages of its earlier incarnation are dropped."""
         self.lost.pop(sender, None)
-        self._senders[sender] = _Sender(incarnation)
-        return self._senders[sender]
+        self._queues[sender] = _SenderQueue(incarnation)
+        return self._queues[sender]
 
     def incarnation(self, sender: int) -> int:
-        """Which life of `sender` is heard."""
-        return self._senders[sender].incarnation
+        """Return the incarnation of `sender` whose messages are accepted."""
+        return self._queues[sender].incarnation
 
-    def knows(self, sender: int, step: int, round: int) -> bool:
-        """Whether `sender` has been heard up to `round` of `step`: that message, a later one, or its goodbye."""
-        return self._senders[sender].known >= (step, round)
+    def has_received(self, sender: int, step: int, round: int) -> bool:
+        """Return whether the message of `round` of `step`, a later one or the goodbye of `sender` has been received."""
+        return self._queues[sender].complete_to >= (step, round)
 
-    def lacks(self, senders: Iterable[int], step: int, round: int) -> tuple[int, ...]:
-        """Those of `senders` who have not been heard so far."""
-        need = (step, round)
-        return tuple([j for j in senders if self._senders[j].known < need])
+    def missing_from(self, senders: Iterable[int], step: int, round: int) -> tuple[int, ...]:
+        """Return those of `senders` from which messages up to `round` of `step` are missing; see `has_received`."""
+        needed = (step, round)
+        return tuple([j for j in senders if self._queues[j].complete_to < needed])
 
     def unpromised(self, senders: Iterable[int], instant: int) -> tuple[int, ...]:
-        """Those of `senders` who may still send something before `instant`, ns."""
-        return tuple([j for j in senders if self._senders[j].promise < instant])
+        """Return those of `senders` that may still send something before `instant`, ns."""
+        return tuple([j for j in senders if self._queues[j].promise < instant])
 
     def skip_gaps(self) -> None:
-        """Give up numbers that have not come, where later ones have (the wall clock does, at a time-out)."""
-        for sender in self._senders.values():
-            while sender.ahead:
-                number, delivery = sender.ahead.pop(0)
-                begin = number if sender.next is None else sender.next
-                sender.skipped.update(range(begin, number))
+        """Give up missing numbers before messages that have been received. For the wall clock, at a time-out."""
+        for queue in self._queues.values():
+            while queue.ahead:
+                number, delivery = queue.ahead.pop(0)
+                begin = number if queue.next is None else queue.next
+                queue.skipped.update(range(begin, number))
                 if number >= begin:
-                    sender.append(delivery)
+                    queue.append(delivery)
                 else:
                     self.duplicates += 1
 
     @property
     def senders(self) -> Iterable[int]:
         """The in-neighbours."""
-        return self._senders.keys()
+        return self._queues.keys()
 
     @property
     def missing(self) -> int:
-        """Messages that never came, although later ones did."""
-        return sum(len(sender.skipped) for sender in self._senders.values())
+        """Number of messages that never came, although later ones did."""
+        return sum(len(queue.skipped) for queue in self._queues.values())
 
     def take(self, sender: int, step: int, round: int) -> list[Delivery]:
-        """Consume all that `sender` sent up to `round` of `step`, oldest first."""
-        ready = self._senders[sender].ready
+        """Consume the messages of `sender` up to `round` of `step`, oldest first."""
+        ready = self._queues[sender].ready
         taken = []
         while ready:
             message = ready[0].message
@@ -167,22 +177,22 @@ class Mailbox:
         return taken
 
     def take_before(self, sender: int, instant: int) -> list[Delivery]:
-        """Consume all of `sender` that entered the link before `instant`, ns, oldest first."""
-        ready = self._senders[sender].ready
+        """Consume the messages of `sender` that entered the link before `instant`, ns, oldest first."""
+        ready = self._queues[sender].ready
         taken = []
         while ready and ready[0].entered < instant:
             taken.append(ready.popleft())
         return taken
 
     def dead(self, sender: int) -> str:
-        """How it was noticed that `sender` died or failed; empty while it lives. A matter of real time."""
+        """Return how it was noticed, in real time, that `sender` died or failed; empty while it lives."""
         if sender in self.lost:
             return self.lost[sender]
         return "it stopped because of an error" if self.departed(sender) is Last.FAILED else ""
 
     def departed(self, sender: int) -> Last:
-        """The goodbye of `sender`, as soon as it has arrived; `Last.NO` before.
+        """Return the goodbye of `sender` as soon as it has been received in real time; `Last.NO` before.
 
-        That is a matter of real time: what the model may know of it, it learns from `take`.
+        The model learns of a goodbye by `take` only.
         """
-        return self._senders[sender].farewell
+        return self._queues[sender].goodbye

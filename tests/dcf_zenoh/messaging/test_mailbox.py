@@ -26,12 +26,12 @@ def test_nothing_behind_a_gap_is_known_or_released() -> None:
     mailbox = Mailbox([2])
     mailbox.put(message(0, 0, 0), 0)
     mailbox.put(message(2, 0, 2), 0)
-    assert mailbox.knows(2, 0, 0)
-    assert not mailbox.knows(2, 0, 1)
-    assert mailbox.lacks([2], 0, 1) == (2,)
+    assert mailbox.has_received(2, 0, 0)
+    assert not mailbox.has_received(2, 0, 1)
+    assert mailbox.missing_from([2], 0, 1) == (2,)
     assert len(mailbox.take(2, 0, 2)) == 1
     mailbox.skip_gaps()
-    assert mailbox.knows(2, 0, 2)
+    assert mailbox.has_received(2, 0, 2)
     assert mailbox.missing == 1
     mailbox.put(message(1, 0, 1), 0)  # too late now, but not lost
     assert (mailbox.missing, mailbox.overtaken, mailbox.duplicates) == (0, 1, 0)
@@ -57,8 +57,8 @@ def test_repeated_messages_are_dropped_and_counted() -> None:
 def test_the_last_message_of_a_step_answers_for_all_later_rounds_of_it() -> None:
     mailbox = Mailbox([2])
     mailbox.put(message(0, 5, 3, Last.OF_STEP), 0)
-    assert mailbox.knows(2, 5, NEVER)
-    assert not mailbox.knows(2, 6, 0)
+    assert mailbox.has_received(2, 5, NEVER)
+    assert not mailbox.has_received(2, 6, 0)
 
 
 def test_a_goodbye_answers_for_everything_and_is_released_in_its_turn() -> None:
@@ -67,6 +67,6 @@ def test_a_goodbye_answers_for_everything_and_is_released_in_its_turn() -> None:
     assert mailbox.departed(2) is Last.NO
     mailbox.put(message(1, 6, 0, Last.ARRIVED), 0)
     assert mailbox.departed(2) is Last.ARRIVED
-    assert mailbox.knows(2, 1000, 1000)
+    assert mailbox.has_received(2, 1000, 1000)
     assert len(mailbox.take(2, 5, 9)) == 1
     assert [d.message.last for d in mailbox.take(2, 6, 0)] == [Last.ARRIVED]

@@ -55,7 +55,7 @@ class Bench:
             elif isinstance(request, Wait) and request.senders:
                 for j in request.senders:
                     self._put(j, request)
-                silent = self.mailbox.lacks(request.senders, request.step, request.round)
+                silent = self.mailbox.missing_from(request.senders, request.step, request.round)
                 self.now = request.until if silent else self.now
             elif isinstance(request, Wait):
                 self.now = max(self.now, request.until)
