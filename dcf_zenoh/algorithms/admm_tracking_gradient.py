@@ -4,9 +4,11 @@ import numpy as np
 
 from dcf_zenoh.algorithms.algorithm import Dialogue, Me, PerNeighbour, Result
 from dcf_zenoh.algorithms.needs import Fraction, needs
-from dcf_zenoh.algorithms.shared.mean_tracker import MeanTracker
+from dcf_zenoh.algorithms.shared.mean_tracker import MeanTracker, TrackerOptions
 from dcf_zenoh.problems.problem import ConsensusProblem
 from dcf_zenoh.spec import PositiveFloat
+
+_TRACKER = TrackerOptions(penalty=0.5)
 
 
 @needs(ConsensusProblem, traits=("smooth", "unconstrained"), links="undirected")
@@ -16,8 +18,7 @@ def admm_tracking_gradient(
     *,
     step: PositiveFloat = 0.2,
     relax: Fraction = 0.5,
-    penalty: PositiveFloat = 0.5,
-    renew: Fraction = 0.9,
+    tracker: TrackerOptions = _TRACKER,
 ) -> Dialogue[Result]:
     """Step towards the mean decision and against the mean gradient: ``x+ = x + gamma (y - x) - gamma a s``.
 
@@ -30,25 +31,27 @@ def admm_tracking_gradient(
         me: This agent.
         step: a, the step size.
         relax: gamma, the fraction of the step to take.
-        penalty: rho of the tracker; the larger, the more the neighbours' estimates weigh.
-        renew: alpha of the tracker: the fraction by which an edge variable follows a received message.
+        tracker: Options of the tracker of the means.
 
     Source: Carnevale, Bastianello, Notarstefano, Carli, "ADMM-Tracking Gradient for Distributed Optimization over
     Asynchronous and Unreliable Networks", IEEE Transactions on Automatic Control, 2025, Algorithms 1 and 2.
     """
     x = problem.start(me.last)
-    tracker = MeanTracker(np.concatenate((x, problem.gradient(x))), penalty, renew)
+    means = MeanTracker(np.concatenate((x, problem.gradient(x))), tracker)
     change = float("inf")
     while True:
-        inbox = yield PerNeighbour({j: {"m": tracker.message(j)} for j in me.neighbours}), change
+        inbox = yield PerNeighbour({j: {"m": means.message(j)} for j in me.neighbours}), change
         for j, payload in inbox.items():
             if inbox.new(j):  # a held value must not count twice
-                tracker.update(j, np.asarray(payload["m"]))
-        tracker.combine()
-        y, s = np.split(tracker.mean, 2)
+                means.update(j, np.asarray(payload["m"]))
+        means.combine()
+        y, s = np.split(means.mean, 2)
         new = x + relax * (y - x - step * s)
         change, x = max(float(abs(new - x).max()), float(abs(y - x).max())), new
-        tracker.track(np.concatenate((x, problem.gradient(x))))
+        means.track(np.concatenate((x, problem.gradient(x))))
         me.note(x=x)
         if inbox.stop:
             return me.result(x)
+
+
+admm_tracking_gradient.RENAMED = {"penalty": "tracker.penalty", "renew": "tracker.renew"}  # type: ignore[attr-defined]

@@ -8,7 +8,7 @@ import functools
 import math
 import typing
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, is_dataclass
 from types import UnionType
 from typing import Annotated, Any, Literal, TypeVar, Union, cast
 
@@ -164,7 +164,14 @@ def _missing_names(structure: type[Problem], problem: object) -> list[str]:
 
 
 def _out_of_range(name: str, value: object, annotation: Any) -> str | None:
-    """Return why the value of an option is refused by the bounds in its annotation; None if it is not."""
+    """Return why the value of an option is refused by the bounds in its annotation; None if it is not.
+
+    Of nested options every field is checked.
+    """
+    if is_dataclass(value) and not isinstance(value, type):
+        hints = typing.get_type_hints(type(value), include_extras=True)
+        fields = (_out_of_range(f"{name}.{key}", getattr(value, key), hint) for key, hint in hints.items())
+        return next(filter(None, fields), None)
     if not isinstance(value, int | float) or not (bounds := dict(_bounds(annotation))):
         return None
     low, high = bounds.get("gt", bounds.get("ge", -math.inf)), bounds.get("lt", bounds.get("le", math.inf))

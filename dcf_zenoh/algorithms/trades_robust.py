@@ -15,9 +15,11 @@ import numpy as np
 
 from dcf_zenoh.algorithms.algorithm import Inbox, Me, PerNeighbour, Result
 from dcf_zenoh.algorithms.needs import Fraction, needs
-from dcf_zenoh.algorithms.shared.mean_tracker import MeanTracker
+from dcf_zenoh.algorithms.shared.mean_tracker import MeanTracker, TrackerOptions
 from dcf_zenoh.problems.problem import CoupledGame
 from dcf_zenoh.spec import PositiveFloat
+
+_TRACKER = TrackerOptions()
 
 
 @needs(CoupledGame, links="undirected")
@@ -30,8 +32,7 @@ def trades_robust(
     dual: PositiveFloat = 1.2,
     blend: Fraction = 1.0,
     multiplier_max: PositiveFloat = 1e3,
-    penalty: PositiveFloat = 1.0,
-    renew: Fraction = 0.9,
+    tracker: TrackerOptions = _TRACKER,
 ) -> Generator[tuple[PerNeighbour, float], Inbox, Result]:
     """Seek the variational generalised Nash equilibrium of `game` over links that lose and delay messages.
 
@@ -49,8 +50,7 @@ def trades_robust(
         dual: N rho, the dual step size times the number of agents.
         blend: alpha in (0, 1], the fraction of the dual step to take.
         multiplier_max: Bound of the multipliers: the price of violating a constraint in a step without a solution.
-        penalty: rho of the tracker; the larger, the more the neighbours' estimates weigh.
-        renew: alpha of the tracker in (0, 1], the fraction by which an edge variable follows a received message.
+        tracker: Options of the tracker of the means.
 
     Raises:
         AlgorithmError: An option is out of range, or a link has no opposite.
@@ -58,22 +58,25 @@ def trades_robust(
     u, lam = game.start(me.last), me.recall("lam", np.zeros(game.rows))
     phi = game.contribution(u)
     size = len(phi)  # theta = [phi(u), A u - b]; what is tracked is its mean over the fleet
-    tracker = MeanTracker(np.concatenate((phi, game.coupling(u))), penalty, renew)
+    means = MeanTracker(np.concatenate((phi, game.coupling(u))), tracker)
     while True:
-        s, c = tracker.mean[:size], tracker.mean[size:]
+        s, c = means.mean[:size], means.mean[size:]
         mu = np.minimum(np.maximum(lam + dual * c, 0.0), multiplier_max)
         new = u + relax * (game.project(u - step * (game.gradient(u, s) + mu @ game.A)) - u)
         nu = lam + blend * (mu - lam)
         change = max(float(abs(new - u).max()), float(abs(nu - lam).max(initial=0.0)))
         u = new
-        tracker.track(np.concatenate((game.contribution(u), game.coupling(u))))
-        inbox = yield PerNeighbour({j: {"edge": tracker.message(j), "lam": nu} for j in me.neighbours}), change
+        means.track(np.concatenate((game.contribution(u), game.coupling(u))))
+        inbox = yield PerNeighbour({j: {"edge": means.message(j), "lam": nu} for j in me.neighbours}), change
         lam = nu.copy()
         for j, payload in inbox.items():
             lam += me.neighbourhood.weights[j] * (payload["lam"] - nu)
             if inbox.new(j):  # a held value must not count twice
-                tracker.update(j, np.asarray(payload["edge"]))
-        tracker.combine()
-        me.note(u=u, lam=lam, mean=tracker.mean)
+                means.update(j, np.asarray(payload["edge"]))
+        means.combine()
+        me.note(u=u, lam=lam, mean=means.mean)
         if inbox.stop:
             return me.result(u, lam=lam)
+
+
+trades_robust.RENAMED = {"penalty": "tracker.penalty", "renew": "tracker.renew"}  # type: ignore[attr-defined]

@@ -1,6 +1,23 @@
 """Tracking of a mean by relaxed ADMM over the edges, which tolerates lost and late messages."""
 
+from dataclasses import dataclass
+
+from dcf_zenoh.algorithms.needs import Fraction
 from dcf_zenoh.plant import Array
+from dcf_zenoh.spec import PositiveFloat
+
+
+@dataclass(frozen=True)
+class TrackerOptions:
+    """Options of a `MeanTracker`.
+
+    Attributes:
+        penalty: rho; the larger, the more the neighbours' estimates weigh.
+        renew: alpha in (0, 1], the fraction by which an edge variable follows a received message.
+    """
+
+    penalty: PositiveFloat = 1.0
+    renew: Fraction = 0.9
 
 
 class MeanTracker:
@@ -16,16 +33,15 @@ class MeanTracker:
 
     Args:
         theta: First vector of this agent, shape (n,).
-        penalty: rho.
-        renew: alpha.
+        options: rho and alpha.
 
     Attributes:
         mean: x_i, this agent's estimate of the mean, shape (n,).
     """
 
-    def __init__(self, theta: Array, penalty: float, renew: float) -> None:
+    def __init__(self, theta: Array, options: TrackerOptions) -> None:
         self._theta = self.mean = theta
-        self._penalty, self._renew = penalty, renew
+        self._penalty, self._renew = options.penalty, options.renew
         self._q: dict[int, Array] = {}  # edges over which a message was received
 
     def track(self, theta: Array) -> None:

@@ -3,9 +3,11 @@ from functools import partial
 import numpy as np
 import pytest
 
+from dcf_zenoh.algorithms.shared.mean_tracker import TrackerOptions
 from dcf_zenoh.algorithms.trades import trades
 from dcf_zenoh.algorithms.trades_robust import trades_robust
-from dcf_zenoh.errors import AlgorithmError
+from dcf_zenoh.config import load
+from dcf_zenoh.errors import AlgorithmError, ConfigurationError
 from dcf_zenoh.graph import Graph
 from dcf_zenoh.testing import Delay, check_algorithm, fleet_of, lockstep, lossy
 from tests.support.references import INSTANCES, Reference
@@ -56,16 +58,23 @@ def test_it_keeps_the_contract(name: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("option", "message"),
+    ("tracker", "message"),
     [
-        ({"renew": 1.5}, r"trades_robust: renew must be in \(0, 1\], not 1.5"),
-        ({"penalty": 0.0}, r"trades_robust: penalty must be in \(0, inf\], not 0"),
+        (TrackerOptions(renew=1.5), r"trades_robust: tracker.renew must be in \(0, 1\], not 1.5"),
+        (TrackerOptions(penalty=0.0), r"trades_robust: tracker.penalty must be in \(0, inf\], not 0"),
     ],
 )
-def test_settings_out_of_range_are_refused(option: dict[str, float], message: str) -> None:
+def test_options_out_of_range_are_refused(tracker: TrackerOptions, message: str) -> None:
     reference = Reference.read("n4_complete_start")
     with pytest.raises(AlgorithmError, match=message):
-        lockstep(partial(trades_robust, **option), reference.games, fleet_of(reference.graph), 1)  # type: ignore[arg-type]
+        lockstep(partial(trades_robust, tracker=tracker), reference.games, fleet_of(reference.graph), 1)
+
+
+def test_options_of_the_tracker_are_a_table_of_the_fleet_file() -> None:
+    algorithm = load("position_swap_lossy", changes=["algorithm.tracker.penalty=2.0"]).spec.algorithm
+    assert algorithm.options["tracker"] == {"penalty": 2.0, "renew": 0.9}
+    with pytest.raises(ConfigurationError, match=r"no key 'penalty' any more: it is called 'tracker\.penalty'"):
+        load("position_swap_lossy", changes=["algorithm.penalty=2.0"])
 
 
 def test_links_without_an_opposite_are_refused() -> None:
