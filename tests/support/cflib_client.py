@@ -13,7 +13,7 @@ from cflib.crazyflie import Crazyflie
 from cflib.crazyflie.log import LogConfig
 from cflib.crazyflie.syncCrazyflie import SyncCrazyflie
 
-from tests.support.emulated import until
+from tests.support.waiting import until
 
 
 class Client:

@@ -5,8 +5,7 @@ import os
 import signal
 import subprocess
 import sys
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
@@ -15,6 +14,7 @@ from typing import Any, Self
 from agentd.run_directory import read_run_json
 from dcf_zenoh.records.agent_log import AgentLog
 from dcf_zenoh.records.writer import log_name
+from tests.support.waiting import until
 
 PROCESSES = Path("/proc")
 
@@ -48,15 +48,6 @@ target = [0.0, 1.0]
 start = [1.0, 0.0]
 target = [-1.0, 0.0]
 """
-
-
-def until(true: Callable[[], object], what: str, within: float = 30.0) -> float:
-    """Wait until something is so; the seconds that it took."""
-    began = time.monotonic()
-    while not true():
-        assert time.monotonic() - began < within, f"not so within {within:g} s: {what}"
-        time.sleep(0.005)  # between two looks
-    return time.monotonic() - began
 
 
 def launch_virtual(fleet: str | Path, out: Path, *options: str) -> dict[str, Any]:

@@ -7,7 +7,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from types import TracebackType
 from typing import IO, Any, Self, cast
@@ -37,15 +37,6 @@ def drive(pauses: Iterator[float] | Any, within: float = 40.0) -> float:
     for pause in pauses or ():
         assert time.monotonic() - began < within, f"the phase does not end within {within:g} s"
         time.sleep(pause)  # as the phase asks for
-    return time.monotonic() - began
-
-
-def until(true: Callable[[], object], what: str, within: float = 10.0) -> float:
-    """Wait until something is so; the seconds that it took."""
-    began = time.monotonic()
-    while not true():
-        assert time.monotonic() - began < within, f"not so within {within:g} s: {what}"
-        time.sleep(0.005)  # between two looks
     return time.monotonic() - began
 
 

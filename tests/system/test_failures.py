@@ -11,7 +11,8 @@ import pytest
 import dcf_zenoh
 from dcf_zenoh import Run
 from dcf_zenoh.errors import AlgorithmError, DcfError, NumericalError, PlantError
-from tests.support.daemons import PROCESSES, Launch, until
+from tests.support.daemons import PROCESSES, Launch
+from tests.support.waiting import until
 
 pytestmark = [
     pytest.mark.real_time,

@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from dcf_zenoh import Run
-from tests.support.daemons import PROCESSES, Launch, until
+from tests.support.daemons import PROCESSES, Launch
+from tests.support.waiting import until
 
 pytestmark = [
     pytest.mark.real_time,

@@ -12,8 +12,9 @@ from typing import NamedTuple, Self
 import pytest
 
 from dcf_zenoh import Run
-from tests.support.daemons import PROCESSES, Launch, until
+from tests.support.daemons import PROCESSES, Launch
 from tests.support.swarm import Drone, Swarm, launch
+from tests.support.waiting import until
 
 pytestmark = [
     pytest.mark.real_time,

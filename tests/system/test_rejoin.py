@@ -12,7 +12,8 @@ import pytest
 
 from dcf_zenoh import Run
 from tests.support.command_line import Answer
-from tests.support.daemons import Launch, until
+from tests.support.daemons import Launch
+from tests.support.waiting import until
 
 pytestmark = [pytest.mark.real_time, pytest.mark.alone]
 

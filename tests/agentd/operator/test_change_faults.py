@@ -23,7 +23,8 @@ from dcf_zenoh.config import freeze, load
 from dcf_zenoh.configuration.building.fault_links import window_of
 from dcf_zenoh.rounds.receiver import Passed
 from tests.support.command_line import Answer
-from tests.support.daemons import PROCESSES, Launch, until
+from tests.support.daemons import PROCESSES, Launch
+from tests.support.waiting import until
 
 pytestmark = [pytest.mark.real_time, pytest.mark.alone]
 

@@ -13,7 +13,8 @@ import pytest
 
 from dcf_zenoh import Run
 from tests.support.bodies import PHASES, Sandbox
-from tests.support.daemons import PROCESSES, Launch, until
+from tests.support.daemons import PROCESSES, Launch
+from tests.support.waiting import until
 
 pytestmark = [
     pytest.mark.real_time,

@@ -12,7 +12,7 @@ import pytest
 
 from agentd.sweeps.workers import WorkerDied, spread
 from tests.support.command_line import Answer
-from tests.support.daemons import until
+from tests.support.waiting import until
 
 pytestmark = pytest.mark.real_time
 

@@ -29,7 +29,8 @@ from dcf_zenoh.messaging.network import (
     Stop,
     endpoints_to_connect,
 )
-from tests.support.daemons import TRIO, Launch, until
+from tests.support.daemons import TRIO, Launch
+from tests.support.waiting import until
 
 pytestmark = pytest.mark.real_time
 

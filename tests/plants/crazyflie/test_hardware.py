@@ -16,7 +16,8 @@ from dcf_zenoh.config import Overrides, load
 from dcf_zenoh.errors import ConfigurationError, PlantError
 from dcf_zenoh.plant import Check, State
 from plants.crazyflie.hardware import CrazyflieHardware
-from tests.support.emulated import Emulated, Relay, drive, until
+from tests.support.emulated import Emulated, Relay, drive
+from tests.support.waiting import until
 
 pytestmark = pytest.mark.real_time
 

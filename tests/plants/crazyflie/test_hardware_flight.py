@@ -16,7 +16,8 @@ import pytest
 from dcf_zenoh.errors import PlantError
 from dcf_zenoh.plant import Setpoint, State
 from plants.crazyflie.hardware import CrazyflieHardware
-from tests.support.emulated import Emulated, drive, until
+from tests.support.emulated import Emulated, drive
+from tests.support.waiting import until
 
 pytestmark = pytest.mark.real_time
 

@@ -10,7 +10,7 @@ from cflib.crtp.crtpdriver import CRTPDriver
 from cflib.crtp.crtpstack import CRTPPacket
 
 from plants.crazyflie.connection.outbox import Outbox
-from tests.support.emulated import until
+from tests.support.waiting import until
 
 pytestmark = pytest.mark.real_time
 

@@ -12,7 +12,8 @@ from plants.crazyflie.model.twin import Twin
 from plants.crazyflie.model.vehicle import read
 from plants.wind import Wind
 from tests.support.cflib_client import Client, client
-from tests.support.emulated import Emulated, until
+from tests.support.emulated import Emulated
+from tests.support.waiting import until
 
 pytestmark = pytest.mark.real_time
 

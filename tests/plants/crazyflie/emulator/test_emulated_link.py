@@ -11,7 +11,8 @@ from cflib.crtp.crtpstack import CRTPPacket
 from cflib.localization import LighthouseConfigWriter
 
 from tests.support.cflib_client import Client, client
-from tests.support.emulated import Emulated, until
+from tests.support.emulated import Emulated
+from tests.support.waiting import until
 
 pytestmark = pytest.mark.real_time
 

@@ -10,7 +10,8 @@ import pytest
 
 from plants.crazyflie.emulator.radio import Radio, RadioConditions
 from tests.support.cflib_client import Client, client
-from tests.support.emulated import Emulated, until
+from tests.support.emulated import Emulated
+from tests.support.waiting import until
 
 pytestmark = pytest.mark.real_time
 

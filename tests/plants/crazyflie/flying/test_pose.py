@@ -15,7 +15,8 @@ from dcf_zenoh.errors import PlantError
 from dcf_zenoh.plant import Setpoint
 from plants.crazyflie.flying.pose import PoseFeed, decode
 from plants.crazyflie.hardware import CrazyflieHardware
-from tests.support.emulated import Emulated, drive, until
+from tests.support.emulated import Emulated, drive
+from tests.support.waiting import until
 
 pytestmark = pytest.mark.real_time
 
