@@ -3,21 +3,42 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
+PYTEST := $(BIN)/python -m pytest --durations 10
+DURATIONS := build/durations
+
+# Parts of the tests by their markers: pyproject.toml, docs/testing.md.
+COMPUTING := not real_time and not large
+SHORT := not long and $(COMPUTING)
+WAITING := real_time and not whole_fleet and not large
+FLEETS := whole_fleet and not large
 
 unexport PYTHONDONTWRITEBYTECODE  # processes start faster from compiled modules
 
-.PHONY: demo test bench docs package clean
+.PHONY: demo lint quick test test-all durations bench docs package clean
 
 demo: $(READY)  ## four daemons fly the position swap over Zenoh, in virtual time
 	$(BIN)/agentd launch position_swap --clock virtual
 
-test: $(READY)  ## every check
+lint: $(READY)  ## format, style and types
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
-	$(BIN)/python -m pytest --numprocesses 2 --dist worksteal --durations 10 -m 'not real_time'
-	$(BIN)/python -m pytest --numprocesses 4 --dist worksteal --durations 10 -m 'real_time and not alone'
-	$(BIN)/python -m pytest --durations 20 -m alone
+
+quick: lint  ## lint, and the tests that take less than 0.8 s and no real time: what to run after every change
+	$(PYTEST) --numprocesses 2 --dist worksteal -m '$(SHORT)'
+
+test: lint  ## every check but the large ones; fails below the branch coverage reached (pyproject.toml)
+	$(PYTEST) --numprocesses 2 --dist worksteal --cov --junitxml $(DURATIONS)/1-short.xml -m '$(SHORT)'
+	$(PYTEST) --numprocesses 2 --dist worksteal --junitxml $(DURATIONS)/2-long.xml -m 'long and $(COMPUTING)'
+	$(PYTEST) --numprocesses 6 --dist worksteal --junitxml $(DURATIONS)/3-real-time.xml -m '$(WAITING)'
+	$(PYTEST) --numprocesses 2 --dist loadfile --junitxml $(DURATIONS)/4-whole-fleets.xml -m '$(FLEETS)'
+
+test-all: test  ## every check
+	$(PYTEST) --numprocesses 2 --dist worksteal -m 'large and not real_time'
+	$(PYTEST) -m 'large and real_time'
+
+durations: $(READY)  ## write down how long the tests of the last make test took
+	$(BIN)/python -m tests.support.durations $(DURATIONS)/*.xml
 
 bench: $(READY)  ## ratios against a bare Zenoh loop and the bare generators
 	$(BIN)/python benchmarks/rounds.py

@@ -2,13 +2,14 @@
 
 import gc
 import signal
-from collections.abc import Iterable
+from collections import defaultdict
 from pathlib import Path
 
 import pytest
 
 import agentd  # noqa: F401 - one thread for the linear algebra, as in every run, whatever else is imported first
 from tests.support.daemons import TRIO
+from tests.support.durations import LONG, key, recorded
 
 signal.signal(signal.SIGINT, signal.default_int_handler)  # in the background it may be ignored, in all children too
 
@@ -18,11 +19,24 @@ def pytest_collection_finish() -> None:
     gc.freeze()
 
 
-def pytest_collection_modifyitems(items: Iterable[pytest.Item]) -> None:
-    """Give tests in real time a second try, where the machine is held up for a second. All others pass at once."""
+@pytest.hookimpl(tryfirst=True)  # before tests are chosen by their markers
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark long tests, put files with the longest tests first, and give tests in real time a second try.
+
+    The order keeps two processes busy until the end. A second try is for a machine that was held up for a second; tests
+    that only compute pass at once.
+    """
+    seconds = recorded()
+    longest: defaultdict[str, float] = defaultdict(float)
     for item in items:
+        file, *_ = item.nodeid.partition("::")
+        took = seconds.get(key(item.nodeid), 0.0)
+        longest[file] = max(longest[file], took)
+        if took > LONG:
+            item.add_marker(pytest.mark.long)
         if item.get_closest_marker("real_time"):
             item.add_marker(pytest.mark.flaky(reruns=1))
+    items.sort(key=lambda item: -longest[item.nodeid.partition("::")[0]])
 
 
 @pytest.fixture

@@ -7,23 +7,24 @@ from typing import Any
 
 import pytest
 
-pytestmark = [pytest.mark.real_time, pytest.mark.alone]
+pytestmark = [pytest.mark.real_time, pytest.mark.whole_fleet]
 
-KILLS = 50
 STEPS = 16  # of the fleet
 
 
-@pytest.fixture(scope="module")
-def fleets(tmp_path_factory: pytest.TempPathFactory) -> list[dict[str, Any]]:
+@pytest.fixture(scope="module", params=[20, pytest.param(50, marks=pytest.mark.large)])
+def fleets(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> list[dict[str, Any]]:
     """What became of so many fleets."""
-    command = [sys.executable, "-m", "tests.support.kills", str(tmp_path_factory.mktemp("kills")), str(KILLS), "7"]
+    folder = tmp_path_factory.mktemp("kills")
+    command = [sys.executable, "-m", "tests.support.kills", str(folder), str(request.param), "7"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=110, check=True)
-    return [json.loads(line) for line in done.stdout.splitlines()]
+    found = [json.loads(line) for line in done.stdout.splitlines()]
+    assert len(found) == request.param
+    return found
 
 
 @pytest.mark.timeout(120)
 def test_nobody_hangs_whenever_an_agent_is_killed(fleets: list[dict[str, Any]]) -> None:
-    assert len(fleets) == KILLS
     for fleet in fleets:
         for code, steps, end, error in fleet["survivors"].values():
             if code == 0:  # it flew on and recorded all of it
@@ -39,6 +40,6 @@ def test_the_kills_fell_before_the_start_in_flight_and_after_the_end(fleets: lis
     before = [fleet for fleet in fleets if fleet["killed"] and not fleet["steps_of_victim"]]
     flying = [fleet for fleet in fleets if fleet["killed"] and fleet["steps_of_victim"]]
     after = [fleet for fleet in fleets if not fleet["killed"]]
-    assert len(before) >= 3
-    assert len(flying) >= 10
+    assert len(before) >= len(fleets) // 16
+    assert len(flying) >= len(fleets) // 5
     assert len(after) >= 1

@@ -16,7 +16,7 @@ from tests.support.waiting import until
 
 pytestmark = [
     pytest.mark.real_time,
-    pytest.mark.alone,
+    pytest.mark.whole_fleet,
     pytest.mark.skipif(not (PROCESSES / "self").exists(), reason="processes are found in /proc"),
 ]
 FLY_ON = "time.arrived.within=1e-9"  # nobody has ever arrived

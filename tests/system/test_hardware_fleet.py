@@ -3,8 +3,8 @@
 import os
 import signal
 import tempfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack
 from pathlib import Path
 from typing import NamedTuple, Self
@@ -18,12 +18,12 @@ from tests.support.waiting import until
 
 pytestmark = [
     pytest.mark.real_time,
-    pytest.mark.alone,
+    pytest.mark.whole_fleet,
     pytest.mark.skipif(not (PROCESSES / "self").exists(), reason="processes are found in /proc"),
     pytest.mark.timeout(300),
 ]
 LONG = 150.0  # s; a flight takes 15 s on a quiet machine
-AT_ONCE = 3  # fleets
+AT_ONCE = 4  # fleets
 
 
 class Flight(NamedTuple):
@@ -97,27 +97,63 @@ def fly(swarm: Swarm, folder: Path, first: int, name: str) -> Flight:
         return Flight(code, flight.errors, Run.read(flight.folder), drones)
 
 
+PHASES = ("prepare", "inspect", "arm", "take off", "settle", "go to start", "run", "landing")
+
+
+def interrupt(swarm: Swarm, folder: Path, number: int, phase: str) -> Flight:
+    """Press Ctrl-C in a phase of a flight of one drone."""
+    fleet = swarm.fleet(folder, (number,))
+    if phase == "go to start":
+        swarm.say(number, "place 0.7 0.7")  # far enough from its start for the way to take a while
+    drone = swarm.drones[number]
+    with launch(fleet, *(["time.duration=0.6"] if phase == "landing" else [])) as flight:
+        if phase == "arm":
+            until(lambda: "arm" in drone.orders, "it is armed", LONG)
+        elif phase == "run":
+            flight.flying(agents_at_least=1)
+        else:
+            said = "landing" if phase == "landing" else f"getting ready: {phase}"
+            until(lambda: f"all agents: {said}" in flight.errors, said, LONG)
+        flight.process.send_signal(signal.SIGINT)
+        code = flight.end(LONG)
+        return Flight(code, flight.errors, Run.read(flight.folder), {1: drone})
+
+
+def fly_mixed(swarm: Swarm, folder: Path, number: int, _name: str) -> Flight:
+    """Fly one drone and one point mass."""
+    point = '[plants.point]\nkind = "point_mass"\n'
+    second = '[agents.2]\nplant = "point"\nstart = [0.0, -0.7]\ntarget = [0.0, -0.7]\n'
+    fleet = swarm.fleet(folder, (number,), point + second)
+    with launch(fleet, "time.duration=1.0", "plant='hardware'") as flight:
+        code = flight.end(LONG)
+        return Flight(code, flight.errors, Run.read(flight.folder), {1: swarm.drones[number]})
+
+
+# Name -> number of drones, what flies them.
+PLANS: Mapping[str, tuple[int, Callable[[Swarm, Path, int, str], Flight]]] = {
+    **dict.fromkeys(TROUBLE, (2, fly)),
+    "mixed": (1, fly_mixed),
+    **dict.fromkeys(PHASES, (1, interrupt)),
+}
+
+
 class Flights:
-    """Flights of one swarm, some at a time. What is asked for twice is flown once more, in a swarm of its own.
+    """Flights of one swarm, some at a time. A flight asked for twice is flown once more, in a swarm of its own.
 
     Args:
-        folder: For what they write.
-        fly: Flies drones of a swarm from the given number on, as the given name says; it writes to the given folder.
-        names: One for each fleet.
-        size: Drones of a fleet.
+        folder: Directory for what they write.
     """
 
-    def __init__(
-        self, folder: Path, fly: Callable[[Swarm, Path, int, str], Flight], names: Sequence[str], size: int
-    ) -> None:
-        self._folder, self._fly, self._size = folder, fly, size
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
         self._stack = ExitStack()
-        swarm = self._stack.enter_context(Swarm(folder / "truth", size * len(names)))
+        swarm = self._stack.enter_context(Swarm(folder / "truth", sum(size for size, _ in PLANS.values())))
         pool = self._stack.enter_context(ThreadPoolExecutor(AT_ONCE))
-        self._flights = {
-            name: pool.submit(fly, swarm, folder / name.replace(" ", "_"), 1 + size * number, name)
-            for number, name in enumerate(names)
-        }
+        self._flights: dict[str, Future[Flight]] = {}
+        first = 1
+        for name, (size, flown) in PLANS.items():
+            self._flights[name] = pool.submit(flown, swarm, folder / name.replace(" ", "_"), first, name)
+            first += size
 
     def __enter__(self) -> Self:
         return self
@@ -126,18 +162,19 @@ class Flights:
         self._stack.close()
 
     def __getitem__(self, name: str) -> Flight:
-        """What became of one of them."""
+        """Return what became of one of them."""
         flight = self._flights.pop(name, None)
         if flight is not None:
             return flight.result(2 * LONG)
         folder = Path(tempfile.mkdtemp(dir=self._folder))
-        with Swarm(folder / "truth", self._size) as swarm:
-            return self._fly(swarm, folder / "again", 1, name)
+        size, flown = PLANS[name]
+        with Swarm(folder / "truth", size) as swarm:
+            return flown(swarm, folder / "again", 1, name)
 
 
 @pytest.fixture(scope="module")
 def flights(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Flights]:
-    with Flights(tmp_path_factory.mktemp("trouble"), fly, tuple(TROUBLE), size=2) as flights:
+    with Flights(tmp_path_factory.mktemp("fleets")) as flights:
         yield flights
 
 
@@ -212,37 +249,9 @@ def test_one_drone_that_is_not_ready_keeps_all_on_the_ground(flights: Flights) -
         assert "armed" not in drone.events
 
 
-PHASES = ("prepare", "inspect", "arm", "take off", "settle", "go to start", "run", "landing")
-
-
-def interrupt(swarm: Swarm, folder: Path, number: int, phase: str) -> Flight:
-    """Press Ctrl-C in a phase of a flight of one drone."""
-    fleet = swarm.fleet(folder, (number,))
-    if phase == "go to start":
-        swarm.say(number, "place 0.7 0.7")  # far enough from its start for the way to take a while
-    drone = swarm.drones[number]
-    with launch(fleet, *(["time.duration=0.6"] if phase == "landing" else [])) as flight:
-        if phase == "arm":
-            until(lambda: "arm" in drone.orders, "it is armed", LONG)
-        elif phase == "run":
-            flight.flying(agents_at_least=1)
-        else:
-            said = "landing" if phase == "landing" else f"getting ready: {phase}"
-            until(lambda: f"all agents: {said}" in flight.errors, said, LONG)
-        flight.process.send_signal(signal.SIGINT)
-        code = flight.end(LONG)
-        return Flight(code, flight.errors, Run.read(flight.folder), {1: drone})
-
-
-@pytest.fixture(scope="module")
-def interrupted(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Flights]:
-    with Flights(tmp_path_factory.mktemp("interrupted"), interrupt, PHASES, size=1) as flights:
-        yield flights
-
-
 @pytest.mark.parametrize("phase", PHASES)
-def test_ctrl_c_leaves_every_drone_on_the_ground(phase: str, interrupted: Flights) -> None:
-    flight = interrupted[phase]
+def test_ctrl_c_leaves_every_drone_on_the_ground(phase: str, flights: Flights) -> None:
+    flight = flights[phase]
     assert flight.code == 130
     drone = flight.drones[1]
     assert not drone.lost_control
@@ -259,20 +268,21 @@ def test_ctrl_c_leaves_every_drone_on_the_ground(phase: str, interrupted: Flight
         assert end["end"] == ("done" if phase == "landing" else "stopped")
 
 
-def test_one_drone_and_one_point_mass_fly_in_one_fleet(tmp_path: Path) -> None:
-    with Swarm(tmp_path / "truth", 1) as swarm:
-        point = '[plants.point]\nkind = "point_mass"\n'
-        second = '[agents.2]\nplant = "point"\nstart = [0.0, -0.7]\ntarget = [0.0, -0.7]\n'
-        fleet = swarm.fleet(tmp_path / "mixed", (1,), point + second)
-        with launch(fleet, "time.duration=1.0", "plant='hardware'") as flight:
-            assert flight.end(LONG) == 0, flight.errors
-        assert swarm.drones[1].landed_softly
-        run = Run.read(flight.folder)
-        assert run.complete
-        assert {len(log.step) for log in run.agents.values()} == {5}
+def test_one_drone_and_one_point_mass_fly_in_one_fleet(flights: Flights) -> None:
+    flight = flights["mixed"]
+    assert flight.code == 0, flight.errors
+    assert flight.drones[1].landed_softly
+    assert flight.run.complete
+    assert {len(log.step) for log in flight.run.agents.values()} == {5}
 
 
-@pytest.mark.parametrize("radio", [(), ("--tail", "0.02", "--silences", "20")], ids=["good radio", "bad radio"])
+@pytest.mark.parametrize(
+    "radio",
+    [
+        pytest.param((), id="good radio", marks=pytest.mark.large),
+        pytest.param(("--tail", "0.02", "--silences", "20"), id="bad radio"),
+    ],
+)
 def test_four_drones_change_places_and_land(radio: tuple[str, ...], tmp_path: Path) -> None:
     with Swarm(tmp_path / "truth", 4, *radio) as swarm:
         uris = [f"agents.{i}.plants.hardware.uri='{drone.uri}'" for i, drone in swarm.drones.items()]

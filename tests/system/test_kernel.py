@@ -17,7 +17,7 @@ from dcf_zenoh.messaging.delivery import Delivery
 from dcf_zenoh.records.agent_log import AgentLog
 from tests.support.namespaces import DEVICE, Cable
 
-pytestmark = [pytest.mark.real_time, pytest.mark.alone]
+pytestmark = [pytest.mark.real_time, pytest.mark.whole_fleet]
 
 CONFIDENCE = 0.999
 VALUES = tuple(0.5 + k for k in range(60))  # 480 bytes of payload

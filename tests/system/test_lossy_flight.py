@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-pytestmark = [pytest.mark.real_time, pytest.mark.alone]
+pytestmark = [pytest.mark.real_time, pytest.mark.whole_fleet]
 
 
 def test_the_robust_method_arrives_safely_in_real_time(tmp_path: Path) -> None:

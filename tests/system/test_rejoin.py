@@ -15,7 +15,7 @@ from tests.support.command_line import Answer
 from tests.support.daemons import Launch
 from tests.support.waiting import until
 
-pytestmark = [pytest.mark.real_time, pytest.mark.alone]
+pytestmark = [pytest.mark.real_time, pytest.mark.whole_fleet]
 
 CHANGES = (
     "time.duration=20.0",

@@ -47,7 +47,8 @@ def test_all_arrive_and_keep_their_distance(case: str, topology: str, seed: int)
     assert run.barriers.min() >= least
 
 
-@pytest.mark.parametrize("name", ["n4_line_agg", "n6_line_nonpotential"])  # all four: test_trades_robust.py
+# All four instances: test_trades_robust.py.
+@pytest.mark.parametrize("name", ["n4_line_agg", pytest.param("n6_line_nonpotential", marks=pytest.mark.large)])
 def test_loss_leaves_no_bias_but_in_the_plain_method(name: str, tmp_path: Path) -> None:
     reference = Reference.read(name)
     file = tmp_path / "fleet.toml"

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-pytestmark = [pytest.mark.real_time, pytest.mark.alone]
+pytestmark = [pytest.mark.real_time, pytest.mark.whole_fleet]
 
 LOUD = """
 print("imported")

@@ -26,7 +26,7 @@ from tests.support.command_line import Answer
 from tests.support.daemons import PROCESSES, Launch
 from tests.support.waiting import until
 
-pytestmark = [pytest.mark.real_time, pytest.mark.alone]
+pytestmark = [pytest.mark.real_time, pytest.mark.whole_fleet]
 
 PLUGINS = """\
 import numpy as np

@@ -18,7 +18,7 @@ from tests.support.waiting import until
 
 pytestmark = [
     pytest.mark.real_time,
-    pytest.mark.alone,
+    pytest.mark.whole_fleet,
     pytest.mark.skipif(not (PROCESSES / "self").exists(), reason="processes are found in /proc"),
 ]
 
@@ -47,7 +47,7 @@ def check_all_landed(sandbox: Sandbox, folder: Path, why: str) -> None:
         assert log.end["remark"] == why
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [pytest.param(signal.SIGINT, marks=pytest.mark.large), signal.SIGTERM])
 def test_signal_to_the_launcher_lands_all_bodies_although_that_takes_longer_than_its_patience(
     sandbox: Sandbox, tmp_path: Path, number: signal.Signals
 ) -> None:

@@ -89,8 +89,17 @@ def rules(graph: Graph, *health: LinkHealth) -> list[dict[str, Any]]:
     return replay_rules(health, Path("lab.json"), graph)
 
 
-@pytest.mark.parametrize("topology", ["ring", "complete"])
-@pytest.mark.parametrize("faults", [DEAD_AND_SLOW, ALIKE_BUT_ONE, ALL_SLOW_AND_SOME_DEAD], ids=["few", "most", "all"])
+@pytest.mark.parametrize(
+    ("faults", "topology"),
+    [
+        pytest.param(DEAD_AND_SLOW, "ring", id="few, ring"),
+        pytest.param(ALIKE_BUT_ONE, "complete", id="most, complete"),
+        pytest.param(ALL_SLOW_AND_SOME_DEAD, "ring", id="all, ring"),
+        pytest.param(DEAD_AND_SLOW, "complete", id="few, complete", marks=pytest.mark.large),
+        pytest.param(ALIKE_BUT_ONE, "ring", id="most, ring", marks=pytest.mark.large),
+        pytest.param(ALL_SLOW_AND_SOME_DEAD, "complete", id="all, complete", marks=pytest.mark.large),
+    ],
+)
 def test_what_is_exported_makes_every_link_do_what_was_measured(
     faults: str, topology: str, agentd: Callable[..., Answer], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -14,8 +14,6 @@ from tests.support.daemons import TRIO, Launch
 from tests.support.faulty_runs import named
 from tests.support.lossy_fleets import lossy
 
-pytestmark = pytest.mark.real_time
-
 ONE = """
 [[faults.rule]]
 from = 1
@@ -103,6 +101,7 @@ def test_an_export_that_cannot_be_written_says_so(one: Path, agentd: Callable[..
     assert "lab.json: cannot be written: No such file or directory" in answer.err
 
 
+@pytest.mark.real_time
 def test_real_links_have_latencies_and_clock_offsets(agentd: Callable[..., Answer], tmp_path: Path) -> None:
     (tmp_path / "trio.toml").write_text(TRIO)
     with Launch(tmp_path / "trio.toml", tmp_path / "run", "time.duration=2.0") as launch:
@@ -125,6 +124,7 @@ def test_real_links_have_latencies_and_clock_offsets(agentd: Callable[..., Answe
     assert "mean latency" in why.out
 
 
+@pytest.mark.real_time
 def test_a_link_that_was_dead_on_the_wall_clock_is_dead_in_the_replay(
     agentd: Callable[..., Answer], tmp_path: Path
 ) -> None:

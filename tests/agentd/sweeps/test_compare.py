@@ -17,8 +17,6 @@ from dcf_zenoh.analysis.metrics import overshoot, tracking_error
 from tests.support.command_line import Answer
 from tests.support.daemons import TRIO
 
-pytestmark = pytest.mark.real_time
-
 SHORT = ("--set", "time.duration=1.0")
 
 MINE = """
@@ -102,6 +100,7 @@ def test_a_variant_that_fails_is_told_and_the_others_run(trio: Path, agentd: Cal
     assert any(line.split() == ["algorithm.breaks=true", "failed"] for line in answer.out.splitlines())
 
 
+@pytest.mark.real_time
 def test_daemons_and_simulator_can_be_compared(trio: Path, agentd: Callable[..., Answer]) -> None:
     answer = agentd("compare", trio, *SHORT, "--vary", "clock=virtual,wall", "--json", "--out", trio.parent / "two")
     assert answer.code == 0, answer.err
@@ -122,6 +121,7 @@ def test_launch_makes_daemons_of_all_variants(trio: Path, agentd: Callable[..., 
         assert each["digest"] == dcf_zenoh.simulate(trio, plant=plant, changes=["time.duration=1.0"]).digest
 
 
+@pytest.mark.real_time
 def test_a_real_plant_is_launched_on_the_wall_clock(trio: Path, agentd: Callable[..., Answer]) -> None:
     file = trio.parent / "mine.py"
     words = ["--vary", f"plant={file}:Model,{file}:Real", "--out", trio.parent / "two", "--json"]

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from agentd.cli import main
 from agentd.sweeps.workers import WorkerDied, spread
 from tests.support.command_line import Answer
 from tests.support.waiting import until
@@ -45,9 +46,17 @@ def gone(group: int) -> bool:
     return False
 
 
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> bytes:
+    """The table of the sweep when nothing interrupts it."""
+    folder = tmp_path_factory.mktemp("whole") / "sweep"
+    assert main(["sweep", *LONG, "--no-oracle", "--out", str(folder)]) == 0
+    return (folder / "sweep.csv").read_bytes()
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_an_interrupted_sweep_ends_all_its_processes_and_goes_on(
-    number: signal.Signals, tmp_path: Path, agentd: Callable[..., Answer]
+    number: signal.Signals, whole: bytes, tmp_path: Path, agentd: Callable[..., Answer]
 ) -> None:
     out = tmp_path / "sweep"
     command = [sys.executable, "-m", "agentd", "sweep", *LONG, "--no-oracle", "--out", str(out)]
@@ -66,9 +75,7 @@ def test_an_interrupted_sweep_ends_all_its_processes_and_goes_on(
     until(lambda: gone(process.pid), "all its processes have ended", 5)
     answer = agentd("sweep", *LONG, "--no-oracle", "--out", out)
     assert f"{there} of 12 runs were there already" in answer.err
-    whole = tmp_path / "whole"
-    assert agentd("sweep", *LONG, "--no-oracle", "--out", whole).code == 0
-    assert (out / "sweep.csv").read_bytes() == (whole / "sweep.csv").read_bytes()
+    assert (out / "sweep.csv").read_bytes() == whole
 
 
 def test_a_run_that_fails_is_a_row_and_the_others_go_on(tmp_path: Path, agentd: Callable[..., Answer]) -> None:

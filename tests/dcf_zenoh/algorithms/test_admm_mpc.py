@@ -140,7 +140,7 @@ def test_a_flight_agrees_with_the_central_solution_in_every_step(topology: str) 
     assert all(set(log.stopped_by) == {"agreed"} for log in exact.agents.values())
 
 
-@pytest.mark.parametrize("topology", ["complete", "path"])
+@pytest.mark.parametrize("topology", ["complete", pytest.param("path", marks=pytest.mark.large)])
 def test_the_swap_arrives_and_keeps_clear(topology: str) -> None:
     run = dcf_zenoh.simulate("position_swap", algorithm="admm", topology=topology)
     assert run.arrival_time is not None

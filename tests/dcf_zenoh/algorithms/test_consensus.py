@@ -137,8 +137,7 @@ def test_constant_steps_leave_the_bias_of_their_fixed_point(topology: str, step:
         assert abs(fixed - 1.0).max() == pytest.approx(0.16, abs=1e-12)
 
 
-@pytest.mark.parametrize("seed", range(3))
-@pytest.mark.parametrize("topology", TOPOLOGIES)
+@pytest.mark.parametrize(("seed", "topology"), list(enumerate(TOPOLOGIES)))
 @pytest.mark.parametrize(
     ("algorithm", "rounds", "within"),
     [

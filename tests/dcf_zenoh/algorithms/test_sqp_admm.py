@@ -73,7 +73,7 @@ def test_the_greatest_2_x_plus_y_on_the_unit_disc_is_at_2_1_over_the_root_of_5()
     assert found.error < 1e-8
 
 
-@pytest.mark.parametrize(("seed", "topology"), enumerate(TOPOLOGIES))
+@pytest.mark.parametrize(("seed", "topology"), list(enumerate(TOPOLOGIES)))
 def test_the_ball_of_four_agents(seed: int, topology: str) -> None:
     rng = np.random.default_rng(seed)
     problems, answers = ball({i: float(rng.uniform(0.5, 2.0)) for i in AGENTS})
@@ -116,7 +116,7 @@ def test_lost_messages_only_make_it_later() -> None:
     assert course(sqp_admm, games, graph("ring"), answers, 800, links=lossy(2, 0.3)).error < 1e-4
 
 
-@pytest.mark.parametrize("topology", ["complete", "star"])
+@pytest.mark.parametrize("topology", ["complete", pytest.param("star", marks=pytest.mark.large)])
 def test_the_swap_arrives_and_keeps_its_distance(topology: str) -> None:
     run = dcf_zenoh.simulate("distance_swap", topology=topology)
     assert run.arrival_time is not None

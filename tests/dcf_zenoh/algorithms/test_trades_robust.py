@@ -20,13 +20,22 @@ def error(reference: Reference, algorithm: object, rounds: int, links: Delay) ->
 
 
 @pytest.mark.parametrize("name", INSTANCES)
-@pytest.mark.parametrize(("loss", "delay"), [(0.0, 0), (0.05, 0), (0.2, 0), (0.5, 0), (0.0, 1), (0.0, 5), (0.2, 3)])
+@pytest.mark.parametrize(
+    ("loss", "delay"),
+    [
+        (0.0, 0),
+        (0.5, 0),
+        (0.0, 5),
+        (0.2, 3),
+        *(pytest.param(*each, marks=pytest.mark.large) for each in ((0.05, 0), (0.2, 0), (0.0, 1))),
+    ],
+)
 def test_it_finds_the_equilibrium_whatever_is_lost_or_late(name: str, loss: float, delay: int) -> None:
     assert error(Reference.read(name), trades_robust, 5000 if delay else 2200, lossy(1, loss, delay)) < 1e-9
 
 
 @pytest.mark.parametrize("name", INSTANCES)
-@pytest.mark.parametrize("loss", [0.2, 0.5])
+@pytest.mark.parametrize("loss", [0.2, pytest.param(0.5, marks=pytest.mark.large)])
 def test_the_plain_method_ends_elsewhere_when_messages_are_lost(name: str, loss: float) -> None:
     reference = Reference.read(name)
     assert error(reference, trades, 2200, lossy(1, 0.0)) < 1e-9

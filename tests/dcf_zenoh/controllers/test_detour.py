@@ -45,7 +45,7 @@ def test_near_its_target_nobody_is_stuck() -> None:
     assert detour.begun == 0
 
 
-@pytest.mark.parametrize(("agents", "seed"), [(4, 4), (4, 14), (6, 5)])
+@pytest.mark.parametrize(("agents", "seed"), [(4, 4), (4, 14), pytest.param(6, 5, marks=pytest.mark.large)])
 def test_random_swaps_arrive(agents: int, seed: int) -> None:
     run = dcf_zenoh.simulate("position_swap_random", seed=seed, changes=[f"layout.agents={agents}"])
     assert run.arrival_time is not None

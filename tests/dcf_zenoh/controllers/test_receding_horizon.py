@@ -117,17 +117,16 @@ def test_times_below_zero_are_refused(option: str) -> None:
 # tests/system/test_robust_swap.py flies many seeds in the simulator; here is what it does not fly.
 
 
+@pytest.mark.parametrize("begin", [15, pytest.param(20, marks=pytest.mark.large)])
 @pytest.mark.parametrize("steps", [3, 5])  # 1 s is longer than it takes to count as lost
-def test_a_fleet_that_falls_apart_for_a_while_keeps_its_distance(steps: int) -> None:
+def test_a_fleet_that_falls_apart_for_a_while_keeps_its_distance(steps: int, begin: int) -> None:
     group = {1: 0, 2: 0, 3: 1, 4: 1}
-    for begin in (15, 20):
-        flight = fly(
-            lambda step: lambda j, i, _: None if begin <= step < begin + steps and group[j] != group[i] else 0,  # noqa: B023
-            rounds=40,
-        )
-        assert flight.arrival is not None
-        assert flight.least_barrier > 0.1
-        assert bool(flight.notes["lost_agents"]) is (steps > 3)
+    flight = fly(
+        lambda step: lambda j, i, _: None if begin <= step < begin + steps and group[j] != group[i] else 0, rounds=40
+    )
+    assert flight.arrival is not None
+    assert flight.least_barrier > 0.1
+    assert bool(flight.notes["lost_agents"]) is (steps > 3)
 
 
 def test_the_others_keep_clear_of_where_a_lost_agent_was_seen_last() -> None:

@@ -28,7 +28,7 @@ def test_a_layout_that_gets_stuck_is_noted(agents: int, turn: float) -> None:
     assert not load("position_swap", changes=[*changes, "controller.detour=true"]).notes
 
 
-@pytest.mark.parametrize(("agents", "turn"), [(4, 0.3), (6, 0.0)])
+@pytest.mark.parametrize(("agents", "turn"), [(4, 0.3), pytest.param(6, 0.0, marks=pytest.mark.large)])
 def test_what_is_noted_does_get_stuck_and_the_detour_leads_out(agents: int, turn: float) -> None:
     changes = [*across(agents, 1.1, turn), "time.duration=16.0", "exchange.max_rounds=60"]
     assert dcf_zenoh.simulate("position_swap", changes=changes).arrival_time is None

@@ -14,6 +14,8 @@ from plants.crazyflie.flying.geometry import install
 from plants.crazyflie.hardware import CrazyflieHardware
 from tests.support.emulated import Emulated, drive
 
+pytestmark = pytest.mark.real_time
+
 # As cfclient writes it, for two base stations; the numbers are made up.
 FILE = """
 type: lighthouse_system_configuration
