@@ -12,6 +12,7 @@ import numpy as np
 
 from dcf_zenoh.plant import Setpoint
 from plants.crazyflie.simulated import Crazyflie
+from plants.wind import WindOptions
 
 GOAL = 100  # times real time
 SAMPLE = 200_000_000  # ns
@@ -24,7 +25,7 @@ def speed(seconds: float, sensing: str, gusts: float) -> float:
         0.2,
         np.random.Generator(np.random.Philox(1)),
         sensing=sensing,  # type: ignore[arg-type]
-        gusts=gusts,
+        wind=WindOptions(gusts=gusts),
     )
     body.prepare()
     body.start(0)

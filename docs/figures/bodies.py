@@ -5,7 +5,6 @@ python docs/figures/bodies.py [NAME ...]        # default: all; into docs/images
 
 from collections.abc import Callable
 from functools import partial
-from typing import Literal
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -20,9 +19,9 @@ from dcf_zenoh import simulate
 from dcf_zenoh.analysis.metrics import overshoot
 from dcf_zenoh.plant import Array, Setpoint
 from dcf_zenoh.records.run import Run
+from plants.crazyflie.options import FlightOptions, Reference
 from plants.crazyflie.simulated import Crazyflie
 
-Reference = Literal["velocity", "planned", "integrated", "position"]
 REFERENCES: tuple[Reference, ...] = ("velocity", "planned", "integrated", "position")
 MS = 1_000_000  # ns
 SAMPLE_TIME = 0.2  # s
@@ -38,7 +37,9 @@ def pushed(kind: Reference) -> tuple[Array, Array, Array]:
         Position and velocity along x in every ms from the first measurement on, shape (K,), m and m/s; and what it was
         told in each sample: a velocity, or with "position" a position.
     """
-    body = Crazyflie(np.zeros(2), SAMPLE_TIME, np.random.Generator(np.random.Philox(1)), reference=kind)
+    body = Crazyflie(
+        np.zeros(2), SAMPLE_TIME, np.random.Generator(np.random.Philox(1)), flight=FlightOptions(reference=kind)
+    )
     body.prepare()
     body.start(0)
     path, told, last = [], [], 0.0
@@ -61,7 +62,7 @@ def pushed(kind: Reference) -> tuple[Array, Array, Array]:
 def reference(kind: Reference) -> Figure:
     """One Crazyflie pushed, and four that change places."""
     position, velocity, told = pushed(kind)
-    run = swap(f"plants.twin.reference={kind}", ROUND)
+    run = swap(f"plants.twin.flight.reference={kind}", ROUND)
     time = np.arange(len(position)) * 1e-3
     push = np.concatenate((np.zeros(round(LATE * 1e3)), np.repeat(PUSH, round(SAMPLE_TIME * 1e3))))
     ideal = np.cumsum(push[: len(time)]) * 1e-3
@@ -95,7 +96,7 @@ def reference(kind: Reference) -> Figure:
         f" {position[-1]:.2f} m at the end (a double integrator: 1, 0 m/s, {np.sum(ideal) * 1e-3:.2f} m)"
     )
     print(f"    swap, rounds of 1 ms: {outcome(run)}, fastest {speed(run):.2f} m/s")
-    print(f"    swap, rounds in no time: {outcome(swap(f'plants.twin.reference={kind}'))}")
+    print(f"    swap, rounds in no time: {outcome(swap(f'plants.twin.flight.reference={kind}'))}")
     return figure
 
 
@@ -133,7 +134,7 @@ def swaps() -> Figure:
         "point mass": swap(plant="point"),
         "Crazyflie": swap(),
         "Crazyflie, Lighthouse, wind": swap(
-            'plants.twin.sensing="lighthouse"', "plants.twin.wind=[0.2, 0.1]", "plants.twin.gusts=0.1"
+            'plants.twin.sensing="lighthouse"', "plants.twin.wind={mean=[0.2, 0.1], gusts=0.1}"
         ),
     }
     figure = plt.figure(figsize=(11, 7.6), layout="constrained")

@@ -1,18 +1,18 @@
 import numpy as np
 import pytest
 
-from plants.wind import Wind
+from plants.wind import Wind, WindOptions
 
 
 def test_wind_without_gusts_is_its_mean() -> None:
-    wind = Wind((1.0, -2.0), rng=np.random.default_rng(0))
+    wind = Wind(WindOptions((1.0, -2.0)), rng=np.random.default_rng(0))
     wind.step(1.0)
     np.testing.assert_array_equal(wind.velocity, [1.0, -2.0, 0.0])
 
 
 @pytest.mark.parametrize("step", [0.01, 0.5])
 def test_gusts_have_the_spread_and_memory_asked_for_whatever_the_step(step: float) -> None:
-    wind = Wind((3.0, 0.0, 0.5), gusts=0.5, gust_time=0.5, rng=np.random.default_rng(1))
+    wind = Wind(WindOptions((3.0, 0.0, 0.5), gusts=0.5, gust_time=0.5), rng=np.random.default_rng(1))
     ahead, values = round(0.5 / step), []
     for _ in range(2000 * ahead):
         wind.step(step)

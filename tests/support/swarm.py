@@ -30,9 +30,9 @@ kind = "trades"
 
 [plants.hardware]
 kind = "crazyflie_hardware"
-cache = "{cache}"
-retries = 25               # the machine may be busy
-state_age_max = 1.5
+connection.cache = "{cache}"
+connection.retries = 25    # the machine may be busy
+watchdog.state_age_max = 1.5
 """
 AGENT = """
 [agents.{agent}]

@@ -288,8 +288,8 @@ def test_four_drones_change_places_and_land(radio: tuple[str, ...], tmp_path: Pa
         uris = [f"agents.{i}.plants.hardware.uri='{drone.uri}'" for i, drone in swarm.drones.items()]
         changes = [
             *uris,
-            f"plants.hardware.cache='{tmp_path}'",
-            "plants.hardware.retries=25",
+            f"plants.hardware.connection.cache='{tmp_path}'",
+            "plants.hardware.connection.retries=25",
             "time.arrived.within=0.1",
             "plant='hardware'",
         ]

@@ -1,9 +1,11 @@
 """Limits for the flight of a real Crazyflie."""
 
 from dataclasses import dataclass, fields
+from typing import Any
 
 HEIGHT = (0.1, 2.5)  # m
 RANGES = {
+    "height": (*HEIGHT, "m"),
     "rate": (10.0, 100.0, "Hz"),
     "speed_max": (0.05, 3.0, "m/s"),
     "state_age_max": (0.1, 1.5, "s"),
@@ -40,13 +42,21 @@ class Bounds:
     battery_low: float
 
     def __post_init__(self) -> None:
-        for field in fields(self):
-            low, high, unit = RANGES[field.name]
-            check_range(field.name, getattr(self, field.name), low, high, unit)
-        if self.battery_low >= self.battery_min:
-            raise ValueError(f"battery_low must be below battery_min, {self.battery_min:g} V, not {self.battery_low:g}")
+        check_ranges(self)
         if self.land_after <= self.hold_after:
             raise ValueError(f"land_after must be above hold_after, {self.hold_after:g} s, not {self.land_after:g}")
+
+
+def check_ranges(options: Any) -> None:
+    """Check all fields of a dataclass that have a range and a value.
+
+    Raises:
+        ValueError: A value is out of its range.
+    """
+    for field in fields(options):
+        value = getattr(options, field.name)
+        if field.name in RANGES and value is not None:
+            check_range(field.name, value, *RANGES[field.name])
 
 
 def check_range(name: str, value: float, low: float, high: float, unit: str) -> None:

@@ -17,6 +17,7 @@ from dcf_zenoh.errors import ConfigurationError, PlantError
 from dcf_zenoh.plant import Check, State
 from plants.crazyflie.hardware import CrazyflieHardware
 from tests.support.emulated import Emulated, Relay, drive
+from tests.support.hardware import hardware
 from tests.support.waiting import until
 
 pytestmark = pytest.mark.real_time
@@ -42,7 +43,7 @@ def cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def crazyflie(start: tuple[float, ...] = (0.0, 0.0), agent: int = 2, **options: Any) -> CrazyflieHardware:
-    return CrazyflieHardware(agent, np.array(start), 0.2, **{"uri": URI, **options})
+    return hardware(start, agent=agent, **{"uri": URI, **options})
 
 
 def refusal(plant: CrazyflieHardware) -> str:
@@ -81,7 +82,7 @@ def checks(drone: Emulated, cache: Path, **options: Any) -> dict[str, Check]:
         ({"battery_low": 3.8}, "battery_low must be below battery_min, 3.7 V, not 3.8"),
         ({"state_age_max": 9.0}, "state_age_max must be 0.1 to 1.5 s, not 9"),
         ({"hold_after": 1.0, "land_after": 0.5}, "land_after must be above hold_after, 1 s, not 0.5"),
-        ({"connect_timeout": 0.0}, "connect_timeout must be 1 to 300 s, not 0"),
+        ({"timeout": 0.0}, "timeout must be 1 to 300 s, not 0"),
         ({"retries": -1}, "retries must be 0 to 100, not -1"),
     ],
 )
@@ -131,7 +132,7 @@ def test_a_silent_peer_is_given_up_in_time_and_named() -> None:
         silent.bind(("127.0.0.1", 0))
         uri = f"udp://127.0.0.1:{silent.getsockname()[1]}"
         began = time.monotonic()
-        text = refusal(crazyflie(uri=uri, connect_timeout=3.0))
+        text = refusal(crazyflie(uri=uri, timeout=3.0))
         took = time.monotonic() - began
     assert text.startswith(f"agent 2: no connection to {uri}, tried ")
     assert "no answer for 1 s" in text
@@ -142,14 +143,14 @@ def test_a_silent_peer_over_tcp_is_given_up_in_time() -> None:
     with socket.create_server(("127.0.0.1", 0)) as silent:
         uri = f"tcp://127.0.0.1:{silent.getsockname()[1]}"
         began = time.monotonic()
-        text = refusal(crazyflie(uri=uri, connect_timeout=2.0, retries=0))
+        text = refusal(crazyflie(uri=uri, timeout=2.0, retries=0))
         took = time.monotonic() - began
     assert text == f"agent 2: no connection to {uri}, tried once within 2 s: no answer for 1 s"
     assert took < 7.0
 
 
 def test_where_nobody_listens_the_reason_is_told_once() -> None:
-    text = refusal(crazyflie(uri="udp://127.0.0.1:9", connect_timeout=20.0, retries=1))
+    text = refusal(crazyflie(uri="udp://127.0.0.1:9", timeout=20.0, retries=1))
     assert text.startswith("agent 2: no connection to udp://127.0.0.1:9, tried 2 times within 20 s: ")
     assert text.count("refused") == 1
 

@@ -17,6 +17,7 @@ from dcf_zenoh.errors import PlantError
 from dcf_zenoh.plant import Setpoint, State
 from plants.crazyflie.hardware import CrazyflieHardware
 from tests.support.emulated import Emulated, drive
+from tests.support.hardware import hardware
 from tests.support.waiting import until
 
 pytestmark = pytest.mark.real_time
@@ -48,7 +49,7 @@ def cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def flying(drone: Emulated, cache: Path, **options: Any) -> Iterator[CrazyflieHardware]:
     """A drone that hovers above where it stood, ready for setpoints."""
     chosen = {"height": 0.3, "cache": str(cache), **options}
-    plant = CrazyflieHardware(2, np.array(chosen.pop("start", (0.0, 0.0))), SAMPLE, uri=drone.uri, **chosen)
+    plant = hardware(chosen.pop("start", (0.0, 0.0)), uri=drone.uri, **chosen)
     try:
         drive(plant.prepare())
         drive(plant.arm())
@@ -101,7 +102,7 @@ def where(drone: Emulated) -> Any:
 
 def test_a_flight_from_the_ground_to_the_ground(emulator: Emulated, cache: Path) -> None:
     emulator.renew(0.3, -0.2)
-    plant = CrazyflieHardware(2, np.array([0.0, 0.0]), SAMPLE, uri=emulator.uri, height=0.4, cache=str(cache))
+    plant = hardware(uri=emulator.uri, height=0.4, cache=str(cache))
     try:
         drive(plant.prepare())
         drive(plant.inspect())
@@ -196,9 +197,8 @@ def test_closing_in_the_air_lands_first(drone: Emulated, cache: Path) -> None:
 def test_a_program_that_ends_in_an_exception_lands_first(drone: Emulated, cache: Path) -> None:
     program = f"""
 import time
-import numpy as np
-from plants.crazyflie.hardware import CrazyflieHardware
-plant = CrazyflieHardware(2, np.zeros(2), 0.2, uri={drone.uri!r}, cache={str(cache)!r}, height=0.4)
+from tests.support.hardware import hardware
+plant = hardware(uri={drone.uri!r}, cache={str(cache)!r}, height=0.4)
 for phase in (plant.prepare, plant.arm, plant.take_off):
     for pause in phase():
         time.sleep(pause)
@@ -285,7 +285,7 @@ def test_a_dead_link_is_told_in_time_and_so_is_what_the_firmware_does(drone: Emu
 
 
 def test_a_link_that_dies_in_the_take_off_leaves_it_hovering_and_that_is_told(drone: Emulated, cache: Path) -> None:
-    plant = CrazyflieHardware(2, np.zeros(2), SAMPLE, uri=drone.uri, height=0.8, cache=str(cache))
+    plant = hardware(uri=drone.uri, height=0.8, cache=str(cache))
 
     def cut_off(pauses: Any) -> Iterator[float]:
         for pause in pauses:
@@ -383,7 +383,7 @@ def test_it_flies_over_tcp_as_well(cache: Path, tmp_path: Path) -> None:
 
 
 def test_what_was_left_in_the_air_is_refused_and_landed(drone: Emulated, cache: Path) -> None:
-    left = CrazyflieHardware(2, np.zeros(2), SAMPLE, uri=drone.uri, cache=str(cache))
+    left = hardware(uri=drone.uri, cache=str(cache))
     drive(left.prepare())
     drive(left.arm())
     link, _, autopilot = left._connected()
@@ -391,7 +391,7 @@ def test_what_was_left_in_the_air_is_refused_and_landed(drone: Emulated, cache: 
     until(lambda: where(drone)[2] > 0.3, "it is in the air", within=5.0)
     autopilot.close()
     link.close()
-    plant = CrazyflieHardware(2, np.zeros(2), SAMPLE, uri=drone.uri, cache=str(cache))
+    plant = hardware(uri=drone.uri, cache=str(cache))
     drive(plant.prepare())
     drive(plant.inspect())
     found = {check.name: check for check in plant.checks()}["supervisor"]
@@ -404,7 +404,7 @@ def test_what_was_left_in_the_air_is_refused_and_landed(drone: Emulated, cache: 
 def test_latency_and_silences_as_users_meet_them(cache: Path, tmp_path: Path) -> None:
     air = ("--latency", "0.005", "--tail", "0.02", "--silences", "12")
     with Emulated(tmp_path, *air) as drone:
-        plant = CrazyflieHardware(2, np.array([0.3, 1.0]), SAMPLE, uri=drone.uri, cache=str(cache))
+        plant = hardware((0.3, 1.0), uri=drone.uri, cache=str(cache))
         try:
             for phase in (plant.prepare, plant.inspect, plant.arm, plant.take_off, plant.settle, plant.go_to_start):
                 drive(phase())

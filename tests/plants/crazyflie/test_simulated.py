@@ -8,14 +8,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dcf_zenoh.errors import PlantError
+from dcf_zenoh.config import Overrides, load
+from dcf_zenoh.errors import ConfigurationError, PlantError
 from dcf_zenoh.plant import Array, Setpoint, State
 from dcf_zenoh.testing import check_plant
+from plants.crazyflie.options import FlightOptions, Reference
 from plants.crazyflie.simulated import Crazyflie
+from plants.wind import WindOptions
 
 S = 1_000_000_000  # ns
 SAMPLE = S // 5
 START = np.array([0.3, -0.2])
+REFERENCES: tuple[Reference, ...] = ("velocity", "integrated")
 
 
 def crazyflie(start: Array = START, seed: int = 1, **options: Any) -> Crazyflie:
@@ -47,11 +51,11 @@ def test_it_keeps_the_contract_of_a_plant() -> None:
 
 
 def test_it_keeps_the_contract_in_wind() -> None:
-    check_plant(lambda: crazyflie(wind=(0.5, 0.2), parameters="cf2x_p250"))
+    check_plant(lambda: crazyflie(wind=WindOptions((0.5, 0.2)), parameters="cf2x_p250"))
 
 
 def test_it_starts_hovering_at_its_start() -> None:
-    state = flying(height=0.7).sense(0)
+    state = flying(flight=FlightOptions(height=0.7)).sense(0)
     np.testing.assert_allclose(state.position, [0.3, -0.2, 0.7], atol=0.011)
     np.testing.assert_allclose(state.velocity, 0, atol=0.011)
 
@@ -78,12 +82,13 @@ def test_within_a_sample_a_velocity_is_met_to_about_a_third() -> None:
 
 
 def test_references_differ_as_they_say() -> None:
-    measured, integrated = (path(flying(reference=each)) for each in ("velocity", "integrated"))
+    measured, integrated = (path(flying(flight=FlightOptions(reference=each))) for each in REFERENCES)
     assert integrated[-1, 3] > 1.5 * measured[-1, 3]  # measured velocity lags, so its reference asks for less
     plan = Setpoint(velocity=np.array([0.5, 0.0]), acceleration=np.zeros(2))
-    assert path(flying(reference="planned"), steps=15, policy=lambda _: plan)[-1, 3] == pytest.approx(0.5, abs=0.06)
+    planned = path(flying(flight=FlightOptions(reference="planned")), steps=15, policy=lambda _: plan)
+    assert planned[-1, 3] == pytest.approx(0.5, abs=0.06)
     goal = Setpoint(position=np.array([1.0, 0.5]), acceleration=np.zeros(2))
-    there = path(flying(reference="position"), steps=50, policy=lambda _: goal)
+    there = path(flying(flight=FlightOptions(reference="position")), steps=50, policy=lambda _: goal)
     np.testing.assert_allclose(there[-1, :2], [1.0, 0.5], atol=0.02)
 
 
@@ -137,7 +142,7 @@ def test_it_resumes_where_it_was_and_comes_to_rest() -> None:
 
 
 def test_lighthouse_and_gusts_repeat_with_the_seed() -> None:
-    options = {"sensing": "lighthouse", "wind": (0.5, 0.0), "gusts": 0.3}
+    options = {"sensing": "lighthouse", "wind": WindOptions((0.5, 0.0), gusts=0.3)}
     first, again, other = (path(flying(seed=seed, **options)) for seed in (1, 1, 2))
     np.testing.assert_array_equal(first, again)
     assert not np.array_equal(first, other)
@@ -152,7 +157,7 @@ def test_lighthouse_knows_the_position_to_centimetres() -> None:
 
 def test_too_strong_a_wind_ends_the_take_off() -> None:
     with pytest.raises(PlantError, match=r"take-off: expected to hover at \[0.3, -0.2, 1.0\] m, came to"):
-        flying(wind=(40.0, 0.0))
+        flying(wind=WindOptions((40.0, 0.0)))
 
 
 @pytest.mark.parametrize(
@@ -160,14 +165,44 @@ def test_too_strong_a_wind_ends_the_take_off() -> None:
     [
         ({"parameters": "cf3"}, "unknown parameters 'cf3'; known: cf2x_p250, forster2015"),
         ({"mass": -0.03}, "mass must be positive .* not -0.03"),
-        ({"height": 0.0}, "height must be positive, in m, not 0.0"),
-        ({"gusts": -1.0}, "gusts must be a standard deviation >= 0, in m/s, not -1.0"),
-        ({"gust_time": 0.0}, "gust_time must be positive, in s, not 0.0"),
+        ({"start": np.zeros(3)}, "height must be positive, in m, not 0.0"),
     ],
 )
 def test_options_out_of_range_are_refused(options: dict[str, Any], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         crazyflie(**options)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ("flight.height=0.0", "flight: height must be positive, in m, not 0.0"),
+        ("wind.gusts=-1.0", "wind: gusts must be a standard deviation >= 0, in m/s, not -1.0"),
+        ("wind.gust_time=0.0", "wind: gust_time must be positive, in s, not 0.0"),
+    ],
+)
+def test_values_of_sub_tables_out_of_range_are_refused_in_the_fleet_file(change: str, message: str) -> None:
+    with pytest.raises(ConfigurationError) as refused:
+        load("position_swap", Overrides(plant="twin"), changes=[f"plants.twin.{change}"])
+    assert refused.value.problems == (f"plants.twin.{message}",)
+
+
+@pytest.mark.parametrize(
+    ("key", "path"),
+    [("height", "flight.height"), ("reference", "flight.reference"), ("gusts", "wind.gusts")],
+)
+def test_earlier_keys_are_refused_with_their_present_names(key: str, path: str) -> None:
+    with pytest.raises(ConfigurationError) as refused:
+        load("position_swap", Overrides(plant="twin"), changes=[f"plants.twin.{key}=1.0"])
+    text = f"plants.twin.{key}: Crazyflie has no key {key!r} any more: it is called {path!r}"
+    assert refused.value.problems == (text,)
+
+
+def test_wind_that_is_not_a_table_is_refused_with_its_present_name() -> None:
+    with pytest.raises(ConfigurationError) as refused:
+        load("position_swap", Overrides(plant="twin"), changes=["plants.twin.wind=[0.5, 0.2]"])
+    text = "plants.twin.wind: expected a table, not [0.5, 0.2]; that value is called 'wind.mean' now"
+    assert refused.value.problems == (text,)
 
 
 def test_a_setpoint_of_another_dimension_is_refused() -> None:

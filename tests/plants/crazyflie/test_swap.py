@@ -27,7 +27,7 @@ def test_position_swap_arrives_with_a_little_overshoot_and_without_a_collision()
 
 
 def test_noise_and_wind_repeat_with_the_seed_of_the_fleet() -> None:
-    changes = ['plants.twin.sensing="lighthouse"', "plants.twin.gusts=0.2", "time.duration=3.0"]
+    changes = ['plants.twin.sensing="lighthouse"', "plants.twin.wind.gusts=0.2", "time.duration=3.0"]
     first, again = (simulate("position_swap", plant="twin", changes=changes) for _ in range(2))
     other = simulate("position_swap", plant="twin", changes=changes, seed=2)
     assert first.digest == again.digest
@@ -35,7 +35,7 @@ def test_noise_and_wind_repeat_with_the_seed_of_the_fleet() -> None:
 
 
 def test_daemons_and_simulator_agree_on_noise_wind_and_gusts(tmp_path: Path) -> None:
-    changes = ['plants.twin.sensing="lighthouse"', "plants.twin.wind=[0.2, 0.1]", "plants.twin.gusts=0.2", TWO_SECONDS]
+    changes = ['plants.twin.sensing="lighthouse"', "plants.twin.wind={mean=[0.2, 0.1], gusts=0.2}", TWO_SECONDS]
     simulated = simulate("position_swap", plant="twin", changes=changes)
     command = [sys.executable, "-m", "agentd", "launch", "position_swap", "--plant", "twin", "--clock", "virtual"]
     options = [word for change in changes for word in ("--set", change)]

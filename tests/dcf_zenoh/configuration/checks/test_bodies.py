@@ -81,14 +81,14 @@ def test_nor_can_they_by_way_of_two_plants_of_one_kind(rovers: Path) -> None:
     assert found == ["agents.3.plants.other.port: 'a' is taken by agent 1; each needs its own"]
 
 
-@pytest.mark.parametrize(("changes", "height"), [([], "1"), (["plants.crazyflie.height=0.05"], "0.05")])
+@pytest.mark.parametrize(("changes", "height"), [([], "1"), (["plants.crazyflie.flight.height=0.05"], "0.05")])
 def test_bodies_fly_at_a_height_that_is_in_the_arena(changes: list[str], height: str) -> None:
     arena = "arena={min=[-2,-2,0.1],max=[2,2,0.6]}"
     with pytest.raises(ConfigurationError) as refused:
         load("position_swap", Overrides(plant="crazyflie"), changes=[arena, *changes])
     assert refused.value.problems == (
-        f"plants.crazyflie.height: agent 1 would fly outside the arena: {height} m, allowed 0.1 .. 0.6 m",
+        f"plants.crazyflie.flight.height: agent 1 would fly outside the arena: {height} m, allowed 0.1 .. 0.6 m",
     )
     assert load(
-        "position_swap", Overrides(plant="crazyflie"), changes=[arena, "plants.crazyflie.height=0.3"]
+        "position_swap", Overrides(plant="crazyflie"), changes=[arena, "plants.crazyflie.flight.height=0.3"]
     ).spec.arena

@@ -10,7 +10,7 @@ import pytest
 from plants.crazyflie.emulator.truth import Record
 from plants.crazyflie.model.twin import Twin
 from plants.crazyflie.model.vehicle import read
-from plants.wind import Wind
+from plants.wind import Wind, WindOptions
 from tests.support.cflib_client import Client, client
 from tests.support.emulated import Emulated
 from tests.support.waiting import until
@@ -53,7 +53,9 @@ def test_hover_setpoints_are_tracked_like_by_the_twin(cf: Client, drone: Emulate
     path = drone.path
     flown = path[(path[:, 0] >= step) & (path[:, 0] <= step + 1.9)]
     calm = np.random.default_rng(0)
-    twin = Twin(read("forster2015"), flown[0, 1:], np.zeros(3), sensor=None, wind=Wind((0.0, 0.0), rng=calm), rng=calm)
+    twin = Twin(
+        read("forster2015"), flown[0, 1:], np.zeros(3), sensor=None, wind=Wind(WindOptions(), rng=calm), rng=calm
+    )
     twin.run(1000)
     twin.hover((0.3, -0.2), 0.5)
     simulated = []

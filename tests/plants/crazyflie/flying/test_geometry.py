@@ -11,8 +11,8 @@ from dcf_zenoh.errors import PlantError
 from plants.crazyflie.connection.connecting import connect
 from plants.crazyflie.connection.link import Link
 from plants.crazyflie.flying.geometry import install
-from plants.crazyflie.hardware import CrazyflieHardware
 from tests.support.emulated import Emulated, drive
+from tests.support.hardware import hardware
 
 pytestmark = pytest.mark.real_time
 
@@ -107,7 +107,7 @@ def test_a_file_that_is_none_is_refused(link: Link, tmp_path: Path, text: str | 
 
 def test_base_stations_without_calibration_do_not_help(emulator: Emulated, file: Path, tmp_path: Path) -> None:
     emulator.renew()
-    plant = CrazyflieHardware(2, np.zeros(2), 0.2, uri=emulator.uri, cache=str(tmp_path), geometry=str(file))
+    plant = hardware(uri=emulator.uri, cache=str(tmp_path), geometry=str(file))
     try:
         drive(plant.prepare())
         drive(plant.inspect())

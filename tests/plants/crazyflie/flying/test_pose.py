@@ -7,15 +7,14 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-import numpy as np
 import pytest
 import zenoh
 
 from dcf_zenoh.errors import PlantError
 from dcf_zenoh.plant import Setpoint
 from plants.crazyflie.flying.pose import PoseFeed, decode
-from plants.crazyflie.hardware import CrazyflieHardware
 from tests.support.emulated import Emulated, drive
+from tests.support.hardware import hardware
 from tests.support.waiting import until
 
 pytestmark = pytest.mark.real_time
@@ -82,7 +81,7 @@ def test_a_bad_endpoint_is_an_error() -> None:
 
 def test_without_a_pose_it_does_not_pass(emulator: Emulated, tmp_path: Path) -> None:
     emulator.renew()
-    plant = CrazyflieHardware(2, np.zeros(2), 0.2, uri=emulator.uri, cache=str(tmp_path), pose="lab/pose/{agent}")
+    plant = hardware(uri=emulator.uri, cache=str(tmp_path), pose="lab/pose/{agent}")
     try:
         drive(plant.prepare())
         drive(plant.inspect())
@@ -97,10 +96,7 @@ def test_it_flies_by_poses_and_lands_when_they_stay_away(emulator: Emulated, tmp
     emulator.renew(0.2, 0.1)
     emulator.say("base-stations 0")
     with tracked(emulator) as system:
-        plant = CrazyflieHardware(
-            2,
-            np.zeros(2),
-            0.2,
+        plant = hardware(
             uri=emulator.uri,
             cache=str(tmp_path),
             height=0.4,

@@ -1,0 +1,134 @@
+"""Keys of the Crazyflie's sub-tables in a fleet file."""
+
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+from plants.crazyflie.flying.bounds import check_range, check_ranges
+
+Reference: TypeAlias = Literal["velocity", "planned", "integrated", "position"]
+
+
+@dataclass(frozen=True)
+class FlightOptions:
+    """Flight of a simulated Crazyflie.
+
+    Attributes:
+        height: Height of the flight, in m.
+        reference: Reference that the firmware follows under an acceleration a. "velocity": the velocity measured when
+            the setpoint acts, + a t_s, as in the paper. "planned": the setpoint's velocity, which problems compute from
+            the state measured at the beginning of the step. "integrated": the last reference + a t_s. "position": the
+            setpoint's position, under the firmware's position controller; it is followed slowly if it is only a step
+            ahead.
+
+    Raises:
+        ValueError: `height` is not positive.
+    """
+
+    height: float = 1.0
+    reference: Reference = "velocity"
+
+    def __post_init__(self) -> None:
+        check_height(self.height)
+
+
+@dataclass(frozen=True)
+class HardwareFlightOptions:
+    """Flight of a real Crazyflie.
+
+    Attributes:
+        height: Height of the flight, in m.
+        reference: Reference that the firmware follows, see `FlightOptions`.
+        begin: "go_to": after the take-off the drone flies to `start`; "placed": it refuses to fly if it stands farther
+            than 0.15 m from it.
+        speed_max: Largest horizontal speed that is commanded, in m/s.
+        rate: Rate of the setpoints, in Hz.
+
+    Raises:
+        ValueError: A value is out of its range.
+    """
+
+    height: float = 0.5
+    reference: Reference = "velocity"
+    begin: Literal["go_to", "placed"] = "go_to"
+    speed_max: float = 1.0
+    rate: float = 50.0
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+
+
+@dataclass(frozen=True)
+class WatchdogOptions:
+    """Limits that the autopilot of a real Crazyflie watches.
+
+    Attributes:
+        battery_min: Least voltage for the take-off, in V.
+        battery_low: Voltage in flight below which the drone lands, in V.
+        state_age_max: Age of the newest state above which the drone lands, in s.
+        hold_after: Time without a command after which the drone holds its position, in s; None: 0.5 s, or 2.5 samples
+            if that is longer.
+        land_after: Time without a command after which the drone lands, in s; None: 2 s more than `hold_after`.
+
+    Raises:
+        ValueError: A value is out of its range.
+    """
+
+    battery_min: float = 3.7
+    battery_low: float = 3.1
+    state_age_max: float = 0.5
+    hold_after: float | None = None
+    land_after: float | None = None
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+        if self.battery_low >= self.battery_min:
+            raise ValueError(f"battery_low must be below battery_min, {self.battery_min:g} V, not {self.battery_low:g}")
+
+
+@dataclass(frozen=True)
+class ConnectionOptions:
+    """Connection to a real Crazyflie.
+
+    Attributes:
+        timeout: Time-out of all attempts together, in s.
+        retries: Largest number of attempts after the first.
+        cache: Folder for the drone's tables; empty: a folder in the user's cache.
+
+    Raises:
+        ValueError: A value is out of its range.
+    """
+
+    timeout: float = 30.0
+    retries: int = 5
+    cache: str = ""
+
+    def __post_init__(self) -> None:
+        check_range("timeout", self.timeout, 1.0, 300.0, "s")
+        check_range("retries", self.retries, 0, 100, "")
+
+
+@dataclass(frozen=True)
+class LocalisationOptions:
+    """Measurement of a real Crazyflie's position.
+
+    Attributes:
+        geometry: File with the poses of the Lighthouse base stations, which is written to the drone; empty: the drone
+            keeps its own.
+        pose: Zenoh key on which an external system publishes the drone's pose, see `PoseFeed`; ``{agent}`` stands for
+            the id. Empty: the drone measures its position itself.
+        pose_endpoint: Zenoh endpoint of that system, such as "tcp/192.168.1.5:7447".
+    """
+
+    geometry: str = ""
+    pose: str = ""
+    pose_endpoint: str = ""
+
+
+def check_height(height: float) -> None:
+    """Check the height of a simulated flight.
+
+    Raises:
+        ValueError: The height is not positive.
+    """
+    if not height > 0:
+        raise ValueError(f"height must be positive, in m, not {height}")

@@ -1,0 +1,50 @@
+"""Keys of the Crazyflie's sub-tables, and what became of the earlier ones."""
+
+from typing import Any
+
+import pytest
+
+from dcf_zenoh.config import Overrides, load
+from dcf_zenoh.errors import ConfigurationError
+from dcf_zenoh.plugins import Schema, accepted
+from plants.crazyflie.hardware import CrazyflieHardware
+from plants.crazyflie.simulated import Crazyflie
+
+HARDWARE = Overrides(plant="hardware", clock="wall")
+
+
+def paths(schema: Schema, prefix: str = "") -> set[str]:
+    """The paths of all keys that are not sub-tables."""
+    found: set[str] = set()
+    for each in schema.parameters:
+        found |= paths(each.table, f"{each.name}.") if each.table else {prefix + each.name}
+    return found
+
+
+@pytest.mark.parametrize("plant", [Crazyflie, CrazyflieHardware])
+def test_every_earlier_key_has_a_present_one(plant: Any) -> None:
+    present = paths(accepted(plant))
+    assert set(plant.RENAMED.values()) <= present
+    assert set(plant.RENAMED.values()) >= {path for path in present if "." in path}
+
+
+@pytest.mark.parametrize(("key", "path"), CrazyflieHardware.RENAMED.items())
+def test_earlier_key_of_the_hardware_is_refused_with_its_present_name(key: str, path: str) -> None:
+    with pytest.raises(ConfigurationError) as refused:
+        load("position_swap", HARDWARE, changes=[f"plants.hardware.{key}=1.0"])
+    text = f"plants.hardware.{key}: CrazyflieHardware has no key {key!r} any more: it is called {path!r}"
+    assert text in refused.value.problems
+
+
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        ("flight.rate=5.0", "flight: rate must be 10 to 100 Hz, not 5"),
+        ("watchdog.battery_low=3.8", "watchdog: battery_low must be below battery_min, 3.7 V, not 3.8"),
+        ("connection.timeout=0.0", "connection: timeout must be 1 to 300 s, not 0"),
+    ],
+)
+def test_value_out_of_range_is_refused_at_its_sub_table(change: str, text: str) -> None:
+    with pytest.raises(ConfigurationError) as refused:
+        load("position_swap", HARDWARE, changes=[f"plants.hardware.{change}"])
+    assert f"plants.hardware.{text}" in refused.value.problems
