@@ -1,4 +1,4 @@
-"""Messages that get lost in bursts."""
+"""Bursts: messages are lost in groups."""
 
 from collections.abc import Sequence
 
@@ -10,23 +10,24 @@ from dcf_zenoh.messaging.delivery import Delivery
 
 
 class Bursts(Fault):
-    """A link that is good or bad, and changes from one to the other at random between one message and the next.
+    """Link that is good or bad, and changes its state at random between one message and the next (Gilbert-Elliott).
 
-    There are two ways to say how. With `mean_loss` and `mean_length` a bad link loses everything, a good one nothing,
-    so the runs of lost messages have geometric lengths. With `good_to_bad` and `bad_to_good` both states lose with
-    probabilities of their own. Which state the first message finds is drawn from the stationary distribution. The
-    state changes with messages, not with time: one that a fault before in the chain took away does not count.
+    There are two ways to specify it. With `mean_loss` and `mean_length` a bad link loses every message and a good one
+    none, so the numbers of messages lost in a row are geometrically distributed. With `good_to_bad` and `bad_to_good`
+    each state has its own probability of loss. The state at the first message is drawn from the stationary
+    distribution. The state changes with messages, not with time; messages lost by earlier faults of the chain do not
+    count.
 
     Args:
-        mean_loss: Share of messages that is lost in the long run, at least 0 and less than 1.
+        mean_loss: Share of messages lost in the long run, at least 0 and less than 1.
         mean_length: Mean number of messages lost in a row, at least 1.
         good_to_bad: Probability that the link turns bad before the next message.
-        bad_to_good: Probability that it turns good.
-        loss_good: Probability of losing a message while it is good; only with `good_to_bad`.
-        loss_bad: The same while it is bad.
+        bad_to_good: Probability that the link turns good before the next message.
+        loss_good: Probability of losing a message while the link is good; only with `good_to_bad`.
+        loss_bad: Probability of losing a message while the link is bad; only with `good_to_bad`.
 
     Raises:
-        ValueError: A value is out of its range, both ways or none is taken, or `mean_loss` is too large for
+        ValueError: A value is out of its range, both ways or neither are given, or `mean_loss` is too large for
             `mean_length`.
 
     Source: Gilbert (1960), "Capacity of a burst-noise channel", for the chain; Elliott (1963), "Estimates of error
@@ -61,20 +62,20 @@ class Bursts(Fault):
             raise ValueError("mean_loss and mean_length must be given together")
         else:
             raise ValueError("good_to_bad and bad_to_good must be given together, or mean_loss and mean_length")
-        self._turn_bad = (p, 1 - r)  # before the next message, if it is now good or bad
+        self._turn_bad = (p, 1 - r)  # probabilities before the next message, from good and from bad
         self._loss = (probability("loss_good", loss_good), probability("loss_bad", loss_bad))
         self._stationary = p / (p + r)
         self._bad: bool | None = None
 
     def apply(self, delivery: Delivery, rng: np.random.Generator) -> Sequence[Delivery]:
-        """Take the chain's next step, and lose the message or leave it."""
+        """Draw the next state, then whether the message is lost."""
         turn_bad = self._stationary if self._bad is None else self._turn_bad[self._bad]
         self._bad = bool(rng.random() < turn_bad)
         return () if rng.random() < self._loss[self._bad] else (delivery,)
 
 
 def _chain(mean_loss: float, mean_length: float) -> tuple[float, float]:
-    """Probabilities p and r of turning bad and good."""
+    """Return the probabilities p of turning bad and r of turning good."""
     if not 0 <= mean_loss < 1:
         raise ValueError(f"mean_loss must be at least 0 and less than 1, not {mean_loss}")
     r = 1 / at_least("mean_length", mean_length, 1, "messages")

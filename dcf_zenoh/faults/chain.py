@@ -18,11 +18,11 @@ ALWAYS = (-inf, inf)
 
 
 class Passage(NamedTuple):
-    """What became of one message.
+    """Result of leading one message through a chain.
 
     Attributes:
-        deliveries: What comes out at the receiver's end.
-        lost_by: Name of the fault that lost it; empty if anything comes out.
+        deliveries: Deliveries to the receiver.
+        lost_by: Name of the fault that lost the message; empty if there is any delivery.
     """
 
     deliveries: tuple[Delivery, ...]
@@ -31,21 +31,22 @@ class Passage(NamedTuple):
 
 @dataclass
 class Layer:
-    """All that is known of one name in the chain of a link: which fault acts when. Later entries win.
+    """The faults of one name in the chain of a link, each with the time in which it acts. Later entries win.
 
     Attributes:
-        name: In the fleet file.
-        entries: Window [begin, end) of the instant of entering, in ns, and the fault; None: none acts.
+        name: Name in the fleet file.
+        entries: Window [begin, end) of the instants at which messages enter, in ns, and the fault; None: no fault acts.
+        place: Number that selects the random numbers of this name.
     """
 
     name: str
     entries: list[tuple[tuple[float, float], Fault | None]] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        self.place = zlib.crc32(self.name.encode())  # random numbers do not change when another fault is added
+        self.place = zlib.crc32(self.name.encode())  # independent of which other faults there are
 
     def acting(self, instant: int) -> Fault | None:
-        """The fault for a message that enters at `instant`."""
+        """Return the fault that acts on a message that enters at `instant`, ns; None if there is none."""
         for (begin, end), fault in reversed(self.entries):
             if begin <= instant < end:
                 return fault
@@ -63,9 +64,9 @@ def _sound(after: object, before: Delivery) -> bool:
 
 
 def _undrawn(philox: np.random.Philox) -> tuple[list[int], Any]:
-    """The state of a generator that has drawn nothing, and the counter in it, to be changed in place.
+    """Return the counter of a generator that has drawn nothing, and its state, which holds that counter.
 
-    Python's own integers in place of numpy's arrays: setting such a state takes a third of the time.
+    They hold Python integers instead of numpy arrays: setting such a state takes a third of the time.
     """
     state = philox.state
     counter = [int(word) for word in state["state"]["counter"]]
@@ -77,10 +78,10 @@ class FaultChain:
     """The chain of faults of one directed link.
 
     Args:
-        seed: Of the fleet.
-        sender: Id.
-        receiver: Id.
-        layers: In any order.
+        seed: Seed of the fleet.
+        sender: Id of the sending agent.
+        receiver: Id of the receiving agent.
+        layers: Faults by name, in any order.
     """
 
     def __init__(self, seed: int, sender: int, receiver: int, layers: Iterable[Layer] = ()) -> None:
@@ -94,12 +95,12 @@ class FaultChain:
         self._order()
 
     def add(self, name: str, window: tuple[float, float], fault: Fault | None) -> None:
-        """Let `fault` act on what enters within `window`, in ns, whatever was said before of this name."""
+        """Let `fault` act on messages that enter within `window`, in ns, in place of earlier faults of this name."""
         self._layers.setdefault(name, Layer(name)).entries.append((window, fault))
         self._order()
 
     def clear(self, instant: int) -> None:
-        """End at `instant`, in ns, all that was added: from then on the layers act as they were given."""
+        """End all added faults at `instant`, in ns: from then on only the layers given at the beginning act."""
         for layer in self._layers.values():
             for place in range(self._given.get(layer.name, 0), len(layer.entries)):
                 (begin, end), fault = layer.entries[place]
@@ -107,7 +108,7 @@ class FaultChain:
 
     @property
     def unmet(self) -> list[tuple[str, str]]:
-        """Faults that were to act on what no message had, by their names, and what that was."""
+        """Name of each fault that found nothing to act on, and what no message had (`Fault.unmet`)."""
         return [
             (layer.name, fault.unmet)
             for layer in self._chain
@@ -116,7 +117,7 @@ class FaultChain:
         ]
 
     def convey(self, delivery: Delivery) -> Passage:
-        """Lead one message through the chain. Messages come in the order in which they were sent.
+        """Lead one message through the chain; messages must come in the order in which they were sent.
 
         Raises:
             FaultError: A fault broke its contract.
@@ -128,7 +129,7 @@ class FaultChain:
             if fault is None:
                 continue
             self._counter[2] = layer.place
-            self._philox.state = self._state  # the random numbers of this message and place in the chain
+            self._philox.state = self._state  # the random numbers of this message and fault
             if len(deliveries) == 1:
                 deliveries = self._apply(layer.name, fault, deliveries[0])
             else:
@@ -138,7 +139,7 @@ class FaultChain:
         return Passage(deliveries, "")
 
     def _apply(self, name: str, fault: Fault, delivery: Delivery) -> tuple[Delivery, ...]:
-        """What `fault` makes of one delivery, checked: it may be anybody's."""
+        """Return the deliveries that `fault` makes of one; raise FaultError if they break its contract."""
         try:
             found = tuple(fault.apply(delivery, self._rng))
         except DcfError:
@@ -154,12 +155,12 @@ class FaultChain:
         return found
 
     def _order(self) -> None:
-        """Sort the chain by stages, and within a stage by names; that is final if every name has one stage only."""
+        """Sort the chain by stage, then by name; the order is fixed if every name has faults of one stage only."""
         stages = {name: {fault.STAGE for _, fault in each.entries if fault} for name, each in self._layers.items()}
         self._steady = all(len(each) <= 1 for each in stages.values())
         self._chain = sorted(self._layers.values(), key=lambda layer: (min(stages[layer.name], default=0), layer.name))
 
     def _sorted(self, instant: int) -> list[Layer]:
-        """The layers that act on a message that enters at `instant`, in the order in which they do."""
+        """Return the layers that act on a message that enters at `instant`, ns, in their order."""
         found = [(fault.STAGE, layer.name) for layer in self._chain if (fault := layer.acting(instant)) is not None]
         return [self._layers[name] for _, name in sorted(found)]

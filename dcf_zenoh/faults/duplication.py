@@ -1,4 +1,4 @@
-"""Messages that come twice."""
+"""Duplication: messages are delivered twice."""
 
 from collections.abc import Sequence
 
@@ -12,11 +12,11 @@ from dcf_zenoh.spec import nanoseconds
 
 
 class Duplication(Fault):
-    """A message comes a second time, with the same probability each.
+    """Each message is delivered a second time with the same probability.
 
     Args:
-        probability: Of a second coming, from 0 to 1.
-        delay: From the first coming to the second, in s.
+        probability: Probability of a second delivery, from 0 to 1.
+        delay: Time from the first delivery to the second, in s.
 
     Raises:
         ValueError: `probability` is not from 0 to 1, or `delay` is negative.
@@ -30,7 +30,7 @@ class Duplication(Fault):
         self._delay = nanoseconds(at_least("delay", delay, 0, "s"))
 
     def apply(self, delivery: Delivery, rng: np.random.Generator) -> Sequence[Delivery]:
-        """Once or twice."""
+        """Return the delivery, and perhaps a second one."""
         if rng.random() < self._probability:
             return delivery, delivery._replace(due=delivery.due + self._delay)
         return (delivery,)

@@ -1,4 +1,4 @@
-"""What a fault is: a small state machine on one directed link."""
+"""The interface of a fault: a small state machine on one directed link."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -12,15 +12,15 @@ from dcf_zenoh.messaging.delivery import Delivery
 
 
 class Stage(IntEnum):
-    """Where in a link's chain a fault stands; within a stage the order is that of the names."""
+    """Position of a fault in the chain of its link; faults of one stage are sorted by name."""
 
-    SENDER = 0  # what the sender does to its payload
-    CUT = 1  # whether the link is there at all
-    LOSS = 2  # whether the message gets through
-    QUEUE = 3  # when it leaves the sender's queue
-    DELAY = 4  # how long it travels
-    COPY = 5  # how often it comes
-    PAYLOAD = 6  # what travelling does to its payload
+    SENDER = 0  # the sender changes its payload
+    CUT = 1  # the link is interrupted
+    LOSS = 2  # the message is lost
+    QUEUE = 3  # the message waits in the sender's queue
+    DELAY = 4  # the message takes time on the way
+    COPY = 5  # the message is delivered several times
+    PAYLOAD = 6  # the payload changes on the way
 
 
 class FaultLink(NamedTuple):
@@ -40,19 +40,20 @@ class FaultLink(NamedTuple):
 class Fault(ABC):
     """One fault on one directed link.
 
-    Each link has an instance of its own, so an instance may keep what it has seen. It is fed in the order in which the
-    messages were sent. It knows no clock: `Delivery.entered` is when a message entered the link.
+    Each link has its own instance, so an instance may keep a state. It gets the messages in the order of sending. It has
+    no clock: `Delivery.entered` is the instant at which a message entered the link.
 
     A constructor's positional parameters are filled in by name: `link`, a `FaultLink`, or any of its fields. Its
     keyword-only parameters are the keys of its table in a fleet file, and a bare value in place of the table, as in
     ``loss = 0.2``, is that of the first.
 
     Attributes:
-        STAGE: Where it stands in the chain.
-        LOSES: Whether it can lose messages.
-        FILES: Keys that name files, relative to the fleet file; they are copied into the directory of a run.
-        AGENTS: Keys that name agents, by their ids or in lists of them.
-        NEEDS_POSITIONS: Whether messages must carry their sender's position, and `Delivery.here` the receiver's.
+        STAGE: Position in the chain.
+        LOSES: Whether the fault can lose messages.
+        FILES: Keys that name files, relative to the fleet file; the files are copied into the directory of a run.
+        AGENTS: Keys whose values are ids of agents, or lists of them.
+        NEEDS_POSITIONS: Whether messages must carry the position of their sender, and `Delivery.here` that of the
+            receiver.
     """
 
     STAGE: ClassVar[Stage] = Stage.LOSS
@@ -63,14 +64,16 @@ class Fault(ABC):
 
     @abstractmethod
     def apply(self, delivery: Delivery, rng: np.random.Generator) -> Sequence[Delivery]:
-        """What becomes of one message: nothing is loss, a later `due` is delay, two deliveries are duplication.
+        """Return what the fault makes of one message.
+
+        No delivery is loss, a later `due` is delay, two deliveries are duplication.
 
         Args:
-            delivery: The message, as the fault before in the chain leaves it.
-            rng: Random numbers of this message, link and fault alone. Whatever else happened, they are the same.
+            delivery: The message, as the previous fault of the chain left it.
+            rng: Random numbers for this message, link and fault. They do not depend on other messages or faults.
         """
 
     @property
     def unmet(self) -> str:
-        """What this was to act on and no message had, in words; empty if there is nothing to say."""
+        """Description of what the fault should act on and no message had; empty if there is nothing to report."""
         return ""

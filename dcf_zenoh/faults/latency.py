@@ -1,4 +1,4 @@
-"""Messages that take their time."""
+"""Latency: messages take time to get to the receiver."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -17,19 +17,19 @@ Draw: TypeAlias = Callable[[np.random.Generator], float]
 
 
 class Latency(Fault):
-    """Every message comes later by a latency that is drawn for it alone.
+    """Every message is delayed by a latency that is drawn for it alone.
 
     ============  ============  ====================================================================================
     distribution  keys          latency
     ============  ============  ====================================================================================
     constant      mean          always the same
-    uniform       low, high     anything between them
-    normal        mean, std     normal, drawn again while negative: it is truncated, not clipped, at 0, and so a little
-                                larger on average than `mean` and less spread than `std`, which are those of the whole
-                                normal distribution
-    gamma         mean, std     never negative, with a long tail; `mean` and `std` are its own
-    empirical     file          as measured: the quantiles of this link in a profile, with straight lines in between;
-                                where it was not measured, those of all links, each as likely
+    uniform       low, high     uniform between the two
+    normal        mean, std     normal, drawn again while negative: truncated, not clipped, at 0. `mean` and `std` are
+                                those of the whole normal distribution; the truncated one has a slightly larger mean
+                                and a smaller standard deviation
+    gamma         mean, std     never negative, with a long tail; `mean` and `std` are those of this distribution
+    empirical     file          as measured: linear between the quantiles of this link in a profile; for a link that was
+                                not measured, those of all links of the profile, with equal probability
     ============  ============  ====================================================================================
 
     Args:
@@ -71,10 +71,10 @@ class Latency(Fault):
         else:
             self._draw = _DRAWS[distribution](**values)
         self._reorder = reorder
-        self._latest = -(2**63)  # due of all so far, in ns
+        self._latest = -(2**63)  # latest due instant so far, ns
 
     def apply(self, delivery: Delivery, rng: np.random.Generator) -> tuple[Delivery]:
-        """Let it come later."""
+        """Delay the message."""
         due = delivery.due + nanoseconds(self._draw(rng))
         if not self._reorder:
             due = self._latest = max(due, self._latest)
@@ -91,7 +91,7 @@ _KEYS = {
 
 
 def _belonging(distribution: str, given: dict[str, Any]) -> dict[str, Any]:
-    """The keys of `distribution`, all of which must be given, and no others."""
+    """Return the values of the keys of `distribution`; raise ValueError unless exactly these are given."""
     if distribution not in _KEYS:
         raise ValueError(f"distribution must be one of {', '.join(_KEYS)}, not {distribution!r}")
     keys = _KEYS[distribution]
@@ -114,7 +114,7 @@ def _uniform(low: float, high: float) -> Draw:
 
 
 def _normal(mean: float, std: float) -> Draw:
-    at_least("mean", mean, 0, "s")  # so at least every second draw is taken
+    at_least("mean", mean, 0, "s")  # at least half of all draws are not negative
     positive("std", std, "s")
 
     def draw(rng: np.random.Generator) -> float:
@@ -133,13 +133,13 @@ def _gamma(mean: float, std: float) -> Draw:
 
 
 def _empirical(path: Path, sender: int, receiver: int) -> Draw:
-    """Inverse of the distribution function, linear between quantiles."""
+    """Return a draw from the inverse of the distribution function, linear between quantiles."""
     profiles = read_profile(path)
     own = [each for each in profiles if (each.sender, each.receiver) == (sender, receiver)]
     tables = [each.latency for each in own or profiles]
 
     def draw(rng: np.random.Generator) -> float:
-        index, probability = divmod(rng.random() * len(tables), 1)  # one number chooses the table and the place in it
+        index, probability = divmod(rng.random() * len(tables), 1)  # one number: table and place in it
         table = tables[int(index)]
         left, part = divmod(probability * (len(table) - 1), 1)
         low, high = table[int(left)], table[int(left) + 1]

@@ -1,15 +1,15 @@
-"""What the keys of faults may be, and how it is said if they are not."""
+"""Checks of the values of faults' keys, with uniform messages."""
 
 from math import isfinite
 
-LONGEST = 1e8  # s; some three years
+LONGEST = 1e8  # s; about three years
 
 
 def probability(key: str, value: float) -> float:
-    """`value` if it is a probability.
+    """Return `value` if it is a probability.
 
     Raises:
-        ValueError: It is not.
+        ValueError: It is not from 0 to 1.
     """
     if not 0 <= value <= 1:
         raise ValueError(f"{key} must be a probability, from 0 to 1, not {value}")
@@ -17,10 +17,10 @@ def probability(key: str, value: float) -> float:
 
 
 def finite(key: str, value: float) -> float:
-    """`value` if it is finite.
+    """Return `value` if it is finite.
 
     Raises:
-        ValueError: It is not.
+        ValueError: It is not finite.
     """
     if not isfinite(value):
         raise ValueError(f"{key} must be finite, not {value}")
@@ -28,10 +28,10 @@ def finite(key: str, value: float) -> float:
 
 
 def at_least(key: str, value: float, least: float, unit: str = "") -> float:
-    """`value` if it is finite and not less than `least`, and no time that never ends.
+    """Return `value` if it is finite and at least `least`; a value in s must also be at most `LONGEST`.
 
     Raises:
-        ValueError: It is not.
+        ValueError: It is outside this range.
     """
     if not (value >= least and isfinite(value)):
         raise ValueError(f"{key} must be at least {least:g}{_in(unit)}, not {value}")
@@ -40,10 +40,10 @@ def at_least(key: str, value: float, least: float, unit: str = "") -> float:
 
 
 def positive(key: str, value: float, unit: str = "") -> float:
-    """`value` if it is finite and greater than 0, and no time that never ends.
+    """Return `value` if it is finite and greater than 0; a value in s must also be at most `LONGEST`.
 
     Raises:
-        ValueError: It is not.
+        ValueError: It is outside this range.
     """
     if not (value > 0 and isfinite(value)):
         raise ValueError(f"{key} must be positive{_in(unit)}, not {value}")

@@ -1,4 +1,4 @@
-"""Messages that get lost, each on its own."""
+"""Loss: messages are lost independently of each other."""
 
 from collections.abc import Sequence
 
@@ -10,10 +10,10 @@ from dcf_zenoh.messaging.delivery import Delivery
 
 
 class Loss(Fault):
-    """Every message is lost with the same probability, whatever became of the others.
+    """Every message is lost with the same probability, independently of the other messages.
 
     Args:
-        probability: Of losing a message, from 0 to 1.
+        probability: Probability of losing a message, from 0 to 1.
 
     Raises:
         ValueError: `probability` is not from 0 to 1.
@@ -25,5 +25,5 @@ class Loss(Fault):
         self._probability = checked("probability", probability)
 
     def apply(self, delivery: Delivery, rng: np.random.Generator) -> Sequence[Delivery]:
-        """Lose it or leave it."""
+        """Return the delivery, or nothing."""
         return () if rng.random() < self._probability else (delivery,)

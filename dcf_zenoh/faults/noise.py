@@ -1,4 +1,4 @@
-"""Numbers that arrive not quite as they were sent."""
+"""Noise: real numbers are received with random errors."""
 
 from collections.abc import Sequence
 
@@ -11,13 +11,13 @@ from dcf_zenoh.messaging.delivery import Delivery
 
 
 class Noise(PayloadFault):
-    """Gaussian noise of mean 0 on every real number of a payload, independent from one to the next.
+    """Gaussian noise of mean 0 on every real number of a payload, independent for each number.
 
-    Integers and booleans are not touched.
+    Integers and booleans do not change.
 
     Args:
         std: Standard deviation, in the unit of the payload.
-        names: Of the payload, what is noisy; empty: everything.
+        names: Names of the payload entries that get noise; empty: all.
 
     Raises:
         ValueError: `std` is negative.

@@ -1,4 +1,4 @@
-"""A fleet that falls apart."""
+"""Partition: a fleet falls apart into groups."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -10,11 +10,11 @@ from dcf_zenoh.messaging.delivery import Delivery
 
 
 class Partition(Fault):
-    """No message gets from one group of agents to another. Agents in no group hear everybody, and everybody hears them.
+    """No message gets from one group of agents to another; the links of agents in no group are not affected.
 
     Args:
-        sender: Id.
-        receiver: Id.
+        sender: Id of the sending agent.
+        receiver: Id of the receiving agent.
         groups: Ids of the agents of each group.
 
     Raises:
@@ -34,5 +34,5 @@ class Partition(Fault):
         self._cut = sender in home and receiver in home and home[sender] != home[receiver]
 
     def apply(self, delivery: Delivery, rng: np.random.Generator) -> Sequence[Delivery]:  # noqa: ARG002
-        """All or nothing."""
+        """Return the delivery, or nothing if the link crosses groups."""
         return () if self._cut else (delivery,)

@@ -1,4 +1,4 @@
-"""Changing the payload of a message that others have received too."""
+"""Faults that change payloads, on a copy: other receivers have the same message."""
 
 from collections.abc import Callable
 from types import MappingProxyType
@@ -15,7 +15,7 @@ Change = Callable[[npt.NDArray[Any]], npt.NDArray[Any]]
 
 
 def with_payload(delivery: Delivery, payload: Payload) -> Delivery:
-    """The same delivery with another payload."""
+    """Return the same delivery with another payload."""
     return delivery._replace(message=delivery.message._replace(payload=MappingProxyType(payload)))
 
 
@@ -23,26 +23,26 @@ class PayloadFault(Fault):
     """A fault that changes the real numbers of a payload, or of some of its entries.
 
     Args:
-        names: Of the entries that are changed; empty: all.
+        names: Names of the payload entries that are changed; empty: all.
     """
 
     LOSES = False
 
     def __init__(self, names: tuple[str, ...]) -> None:
         self._names = names
-        self._missed = dict.fromkeys(names)  # what no payload has had so far
-        self._met: set[str] = set()  # what they have had, as long as something is missed
+        self._missed = dict.fromkeys(names)  # names that no payload has had so far
+        self._met: set[str] = set()  # names of all payloads, as long as any name is missed
 
     def _concerns(self, name: str) -> bool:
         return not self._names or name in self._names
 
     def _changed(self, payload: Payload, change: Change) -> Payload:
-        """A payload whose real numbers went through `change`; integers and booleans are as they were.
+        """Return a payload with `change` applied to its real numbers; integers and booleans do not change.
 
         Args:
-            payload: It stays what it is.
-            change: Gets an array of any shape, of float64 or float32, and returns a new one of that shape. A number
-                goes through it as an array of shape (). Overflow is not warned of.
+            payload: Payload, which is not modified.
+            change: Function from an array of float64 or float32, of any shape, to a new one of that shape. A single
+                number is passed as an array of shape (). Overflow gives no warning.
         """
         if self._missed:
             self._met.update(payload)
@@ -52,7 +52,7 @@ class PayloadFault(Fault):
 
     @property
     def unmet(self) -> str:
-        """Names that no payload has had, such as a misspelt one, and those that there were."""
+        """Names that no payload had, such as a misspelt one, and the names that payloads had; empty if there are none."""
         if not (self._missed and self._met):
             return ""
         return (

@@ -1,7 +1,7 @@
-"""What was measured on links, as a file that the latency of simulated links can follow.
+"""Link profiles: files of measured latencies, from which the latency of simulated links can be drawn.
 
-The file is JSON: a schema, and for each directed link the ids of its agents, how many messages were sent and lost, the
-mean number lost in a row, quantiles of the latency and how well the two clocks agreed.
+A profile is JSON: a schema, and for each directed link the ids of its agents, the numbers of messages sent and lost, the
+mean number lost in a row, quantiles of the latency, and the largest error of the difference of the two clocks.
 """
 
 import json
@@ -24,11 +24,11 @@ class LinkProfile:
     """One measured directed link.
 
     Attributes:
-        sender: Id.
-        receiver: Id.
-        messages: How many were sent.
-        lost: How many of them did not come.
-        mean_burst: Mean number of messages lost in a row; 0 if none was.
+        sender: Id of the sending agent.
+        receiver: Id of the receiving agent.
+        messages: Number of messages sent.
+        lost: Number of them that were lost.
+        mean_burst: Mean number of messages lost in a row; 0 if none was lost.
         latency: Quantiles at probabilities from 0 to 1, equally spaced, in s; at least two.
         offset_error: Largest error of the difference of the two clocks, in s.
 
@@ -65,7 +65,7 @@ _FIELDS = {_KEYS.get(name, name): name for name in LinkProfile.__dataclass_field
 
 
 def read_profile(path: Path) -> tuple[LinkProfile, ...]:
-    """The links of a profile, at least one.
+    """Read the links of a profile, at least one.
 
     Raises:
         ValueError: The file cannot be read, or is no profile; the message names it.
@@ -91,7 +91,7 @@ def write_profile(path: Path, profiles: Iterable[LinkProfile]) -> None:
     path.write_text(f'{{"schema": "{SCHEMA}", "links": [\n  {lines}\n]}}\n', encoding="utf-8")
 
 
-@lru_cache(maxsize=4)  # every link of a fleet reads the same file
+@lru_cache(maxsize=4)  # all links of a fleet read the same file
 def _parse(content: bytes) -> tuple[LinkProfile, ...]:
     try:
         table = json.loads(content)
@@ -121,7 +121,7 @@ def _link(index: int, link: Any) -> LinkProfile:
 
 
 def _distinct(profiles: Iterable[LinkProfile]) -> tuple[LinkProfile, ...]:
-    """All of them, if there are any and no two are of one link."""
+    """Return all profiles; raise ValueError if there are none, or two of one link."""
     found = tuple(profiles)
     if not found:
         raise ValueError("links must not be empty")

@@ -1,4 +1,4 @@
-"""Numbers that are sent with few digits."""
+"""Quantisation: real numbers are received rounded."""
 
 from collections.abc import Sequence
 
@@ -11,14 +11,14 @@ from dcf_zenoh.messaging.delivery import Delivery
 
 
 class Quantisation(PayloadFault):
-    """Every real number of a payload becomes the nearest multiple of a step, so it errs by half a step at most.
+    """Every real number of a payload is rounded to the nearest multiple of a step; the error is at most half a step.
 
-    Zero is a multiple (a mid-tread quantiser); a number halfway between two goes to the even one. Messages become
-    no shorter. Integers and booleans are not touched.
+    Zero is a multiple (a mid-tread quantiser). A number halfway between two multiples is rounded to the even one.
+    Messages do not become shorter. Integers and booleans do not change.
 
     Args:
-        step: In the unit of the payload.
-        names: Of the payload, what is quantised; empty: everything.
+        step: Distance between two multiples, in the unit of the payload.
+        names: Names of the payload entries that are quantised; empty: all.
 
     Raises:
         ValueError: `step` is not positive.
@@ -33,6 +33,6 @@ class Quantisation(PayloadFault):
         self._step = positive("step", step)
 
     def apply(self, delivery: Delivery, rng: np.random.Generator) -> Sequence[Delivery]:  # noqa: ARG002
-        """Round a copy of the payload."""
+        """Round the numbers of a copy of the payload."""
         payload = self._changed(delivery.message.payload, lambda array: np.round(array / self._step) * self._step)
         return (with_payload(delivery, payload),)

@@ -1,4 +1,4 @@
-"""A radio that does not reach everybody."""
+"""Range: a radio reaches only agents that are near."""
 
 from collections.abc import Sequence
 from math import dist
@@ -14,11 +14,11 @@ from dcf_zenoh.messaging.delivery import Delivery
 class Range(Fault):
     """Messages between agents that are too far from each other are lost.
 
-    Where either agent has no position, nothing is lost.
+    Nothing is lost if either agent has no position.
 
     Args:
-        distance: The largest at which messages get through, in m, from where the sender was when it sent to where the
-            receiver is.
+        distance: Largest distance at which messages get through, in m, between the position of the sender when it sent
+            and the present position of the receiver.
 
     Raises:
         ValueError: `distance` is negative.
@@ -33,7 +33,7 @@ class Range(Fault):
         self._distance = at_least("distance", distance, 0, "m")
 
     def apply(self, delivery: Delivery, rng: np.random.Generator) -> Sequence[Delivery]:  # noqa: ARG002
-        """Lose it or leave it."""
+        """Return the delivery, or nothing beyond the distance."""
         there, here = delivery.message.position, delivery.here
         if not there or not here:
             return (delivery,)

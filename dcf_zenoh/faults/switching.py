@@ -1,4 +1,4 @@
-"""A graph that changes from round to round."""
+"""Switching: a graph that changes from round to round."""
 
 from collections.abc import Iterable, Sequence
 
@@ -12,23 +12,23 @@ Pairs = tuple[tuple[int, int], ...]
 
 
 class Switching(Fault):
-    """Links come and go, both directions of a pair alike: the topology is the union of all graphs that there are.
+    """Both links of a pair of agents come and go together; the topology is the union of all graphs.
 
-    So what a neighbour does not hear, the agent itself does not hear either: weights that are symmetric stay so, and
-    sums over the fleet are kept, if what is missing is nothing (``exchange.missing = "absent"``) and not held.
+    Two neighbours hear each other in a round, or neither hears the other. So symmetric weights stay symmetric, and sums
+    over the fleet are conserved if missing values are left out (``exchange.missing = "absent"``) and not held.
 
     Args:
-        sender: Id.
-        receiver: Id.
-        probability: Of a pair's being linked in a round, drawn anew in each.
-        graphs: In place of that, the graphs that follow each other, each a list of pairs; together they must connect
-            all agents. In control step k and round p it is number k + p // rounds; after the last comes the first.
-        rounds: How long each graph, or draw, lasts.
-        seed: Of the draws.
+        sender: Id of the sending agent.
+        receiver: Id of the receiving agent.
+        probability: Probability that a pair is linked in a round, drawn anew for each round.
+        graphs: Instead of `probability`, a sequence of graphs, each a list of pairs; together they must connect all
+            agents. Control step k and round p have graph number k + p // rounds, modulo the number of graphs.
+        rounds: Number of rounds for which a graph, or a draw, lasts.
+        seed: Seed of the draws.
 
     Raises:
-        ValueError: There are both or neither of `probability` and `graphs`, or an agent is in no graph, or they do not
-            connect all agents, or a number is out of its range.
+        ValueError: Both or neither of `probability` and `graphs` are given, the graphs do not connect all agents, an
+            agent is in no graph, or a number is out of its range.
     """
 
     STAGE = Stage.CUT
@@ -59,18 +59,18 @@ class Switching(Fault):
             _check_connected([pair for graph in graphs for pair in graph], self._pair)
 
     def apply(self, delivery: Delivery, rng: np.random.Generator) -> Sequence[Delivery]:  # noqa: ARG002
-        """Lose it, where there is no link in the round in which it was sent."""
+        """Lose the message if the pair was not linked in the round in which it was sent."""
         step, turn = delivery.message.step, delivery.message.round // self._rounds
         if self._probability is None:
             linked = self._linked[(step + turn) % len(self._linked)]
-        else:  # not the link's own random numbers: the opposite link must draw the same
+        else:  # not from `rng`: the opposite link must draw the same
             draw = np.random.Generator(np.random.Philox([self._seed, *self._pair, step, turn]))
             linked = draw.random() < self._probability
         return (delivery,) if linked else ()
 
 
 def _check_connected(pairs: Iterable[tuple[int, int]], ends: Iterable[int]) -> None:
-    """Whether the pairs connect all agents that they name, and the ends of this link are among these."""
+    """Raise ValueError unless the pairs connect all agents that they name, and name both ends of this link."""
     groups: list[set[int]] = []
     for pair in pairs:
         joined = set(pair).union(*(group for group in groups if group & set(pair)))

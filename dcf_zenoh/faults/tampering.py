@@ -1,4 +1,4 @@
-"""A sender that does not say what it should."""
+"""Tampering: a sender sends wrong values."""
 
 from collections.abc import Sequence
 
@@ -12,17 +12,18 @@ from dcf_zenoh.messaging.delivery import Delivery
 
 
 class Tampering(PayloadFault):
-    """The sender says the same wrong thing to all: ``scale * value + offset``; frozen, a value is what it said first.
+    """The sender sends ``scale * value + offset`` instead of each value, or repeats its first payload (`freeze`).
 
-    A fault of a sender must be on all links that lead away from it, as a rule with ``from`` alone puts it. Scale and
-    offset change real numbers; a frozen payload is repeated whole, integers and booleans too. An algorithm may send
-    payloads of different names in different phases: the first payload of each set of names is repeated in its place.
+    A fault of a sender must be on all links from it, as in a rule with ``from`` alone; then all receivers get the same
+    wrong values. Scale and offset change real numbers. A frozen payload is repeated whole, with integers and booleans.
+    An algorithm may send payloads of different names in different phases: the first payload of each set of names is
+    repeated in place of the later ones.
 
     Args:
         scale: Factor.
-        offset: In the unit of the payload.
-        freeze: Repeat the first payload; `scale` and `offset` act on that.
-        names: Of the payload, what is tampered with; empty: everything.
+        offset: Offset, in the unit of the payload.
+        freeze: Repeat the first payload; `scale` and `offset` are applied to it.
+        names: Names of the payload entries that are changed; empty: all.
 
     Raises:
         ValueError: `scale` or `offset` is not finite.
@@ -40,7 +41,7 @@ class Tampering(PayloadFault):
         self._first: dict[frozenset[str], Payload] = {}
 
     def apply(self, delivery: Delivery, rng: np.random.Generator) -> Sequence[Delivery]:  # noqa: ARG002
-        """Put another payload in place of the true one."""
+        """Replace the payload."""
         payload = delivery.message.payload
         if self._freeze:
             first = self._first.setdefault(frozenset(payload), payload)
