@@ -1,4 +1,4 @@
-"""How configuration errors are worded: what was expected, what came, what is allowed, what is spelled alike."""
+"""Diagnostics of fleet files and their wording: what was expected, what came, what is allowed, the nearest spelling."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import is_dataclass
@@ -13,7 +13,7 @@ _BOUNDS = {"gt": ">", "ge": ">=", "lt": "<", "le": "<="}  # as annotated_types a
 
 
 class Diagnostics:
-    """What is wrong with a fleet file, one line for each key; the first that is found of a key counts."""
+    """What is wrong with a fleet file, one line for each key; only the first finding for a key is kept."""
 
     def __init__(self) -> None:
         self._texts: dict[str, str] = {}
@@ -23,38 +23,38 @@ class Diagnostics:
 
     @property
     def lines(self) -> list[str]:
-        """``key: what is wrong``."""
+        """Lines ``key: what is wrong``."""
         return [f"{key}: {text}" for key, text in self._texts.items()]
 
     def add(self, key: str, text: str) -> None:
-        """Note `text` under `key`, unless something is wrong there already."""
+        """Note `text` under `key`, unless there is a line for it or a key below it already."""
         if not self.within(key):
             self._texts[key] = text
 
     def within(self, key: str) -> bool:
-        """Whether something is wrong with `key` or a key below it."""
+        """Return whether something is wrong with `key` or a key below it."""
         return any(f"{each}.".startswith(f"{key}.") for each in self._texts)
 
 
 def nearest(word: str, allowed: Iterable[str]) -> str:
-    """``; did you mean 'step'?``, or nothing if no allowed spelling is near `word`."""
+    """Return ``; did you mean 'step'?``, or ``;`` if no allowed spelling is near `word`."""
     found = get_close_matches(word, list(allowed), 1)
     return f"; did you mean {found[0]!r}?" if found else ";"
 
 
 def listed(words: Iterable[object]) -> str:
-    """Words with commas; ``none`` if there are none."""
+    """Return the words with commas; ``none`` if there are none."""
     return ", ".join(map(str, words)) or "none"
 
 
 def unknown_key(owner: str, key: str, accepted: Iterable[str]) -> str:
-    """``trades has no key 'stpe'; did you mean 'step'? accepted: step, relax, dual``."""
+    """Return ``trades has no key 'stpe'; did you mean 'step'? accepted: step, relax, dual``."""
     names = list(accepted)
     return f"{owner} has no key {key!r}{nearest(key, names)} accepted: {listed(names)}"
 
 
 def show(value: object) -> str:
-    """A value as it stands in a fleet file, cut short."""
+    """Return a value as in a fleet file, cut to 60 characters."""
     if isinstance(value, bool):
         return str(value).lower()
     text = repr(value)
@@ -62,7 +62,7 @@ def show(value: object) -> str:
 
 
 def reason(error: BaseException) -> str:
-    """What went wrong, with the type of the error where its text alone would not tell."""
+    """Return the text of an error, with its type unless that is ValueError or TypeError."""
     return str(error) if type(error) in (ValueError, TypeError) else f"{type(error).__name__}: {error}"
 
 
@@ -72,12 +72,12 @@ def is_union(annotation: Any) -> bool:
 
 
 def expected(annotation: Any, metadata: Iterable[object] = ()) -> str:
-    """What a value of type `annotation` looks like in a fleet file, with its bounds: ``a number > 0``."""
+    """Return the description of a type in terms of a fleet file, with its bounds: ``a number > 0``."""
     return _alternatives(annotation, metadata, lambda each: _article(_singular(each)))
 
 
 def type_name(annotation: Any) -> str:
-    """The same without articles, for lists of keys: ``number > 0``."""
+    """Return the same description without articles, for lists of keys: ``number > 0``."""
     return _alternatives(annotation, (), _singular)
 
 

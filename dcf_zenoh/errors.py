@@ -1,4 +1,4 @@
-"""The error tree. Everything this project raises on purpose derives from `DcfError`."""
+"""The errors of the project. Everything that it raises on purpose derives from `DcfError`."""
 
 import os
 import sysconfig
@@ -12,15 +12,15 @@ _NOT_THE_USERS = tuple(os.path.join(folder, "") for folder in (str(Path(__file__
 
 
 class DcfError(Exception):
-    """Base of all errors of dcf-zenoh."""
+    """Base class of all errors of dcf-zenoh."""
 
 
 class ConfigurationError(DcfError):
-    """A fleet file, an option or a plug-in is not usable. Carries all problems found, not the first alone.
+    """A fleet file, an option or a plug-in is not usable. The error has all problems found, not only the first.
 
     Attributes:
-        problems: One line per problem; each names the key, what was expected and what is allowed.
-        source: The file (or other origin) the problems are in.
+        problems: One line per problem, which names the key, what was expected and what is allowed.
+        source: File or other origin of the problems.
     """
 
     def __init__(self, problems: str | Sequence[str], source: str = "") -> None:
@@ -45,16 +45,16 @@ class MessageError(DcfError):
 class AlgorithmError(DcfError):
     """An algorithm broke the contract (see `dcf_zenoh.algorithms.algorithm`), or cannot solve this problem.
 
-    Where it, its problem or its controller raised an exception, that is the cause.
+    An exception raised by it, its problem or its controller is the cause.
     """
 
 
 class FaultError(DcfError):
-    """A fault of a link raised an exception, which is the cause, or returned something else than deliveries."""
+    """A fault of a link raised an exception, which is the cause, or did not return deliveries."""
 
 
 class PlantError(DcfError):
-    """A plant raised an exception; that is the cause."""
+    """A plant raised an exception, which is the cause."""
 
 
 class NumericalError(DcfError):
@@ -62,15 +62,15 @@ class NumericalError(DcfError):
 
 
 class NeighbourLost(DcfError):
-    """A neighbour died, froze or left in the middle of a run."""
+    """A neighbour crashed, froze or left in the middle of a run."""
 
 
 class Landed(DcfError):
-    """An agent ended its flight before its time, because something happened that must not."""
+    """An agent ended its flight early, because a safety rule demanded it."""
 
 
 class Stopped(DcfError):
-    """An agent was told to end before its time."""
+    """An agent was requested to end early."""
 
 
 class NetworkError(DcfError):
@@ -82,14 +82,14 @@ class NotReady(NetworkError, TimeoutError):
 
 
 class Silence(NeighbourLost, TimeoutError):
-    """A message that the model requires did not come in time, although its sender is said to be alive."""
+    """A required message did not come in time, although its sender is known to be alive."""
 
 
 class Interrupted(DcfError):
-    """Somebody stopped a run.
+    """A run was stopped from outside.
 
     Attributes:
-        signal: Number of the signal that asked for it.
+        signal: Number of the signal that requested it.
     """
 
     def __init__(self, text: str, signal: int) -> None:
@@ -98,12 +98,12 @@ class Interrupted(DcfError):
 
 
 class RecordingError(DcfError):
-    """A run directory or log cannot be written, or is not one of ours."""
+    """A run directory or log cannot be written, or was not written by dcf-zenoh."""
 
 
 @contextmanager
 def blaming(kind: type[DcfError], where: str) -> Iterator[None]:
-    """Turn any exception of the body but our own into a `kind` that names `where` and the line of code."""
+    """Turn any exception of the body other than a `DcfError` into a `kind` that names `where` and the line of code."""
     try:
         yield
     except DcfError:
@@ -113,9 +113,9 @@ def blaming(kind: type[DcfError], where: str) -> Iterator[None]:
 
 
 def account(error: BaseException) -> str:
-    """What code of others raised, and where, in one line: ``ZeroDivisionError: division by zero (mine.py:17)``.
+    """Return type, text and line of an exception in one line: ``ZeroDivisionError: division by zero (mine.py:17)``.
 
-    The line is the innermost one that is neither of this package nor of an installed one, if there is any.
+    The line of code is the innermost one outside of this package and of installed ones, if there is any.
     """
     frames = traceback.extract_tb(error.__traceback__)
     users = [frame for frame in frames if not frame.filename.startswith(_NOT_THE_USERS)]

@@ -1,1 +1,1 @@
-"""Who hears whom: functions ``(agents, *, options)`` from ids to directed links (sender, receiver)."""
+"""Topologies: functions ``(agents, *, options)`` from ids to directed links (sender, receiver)."""

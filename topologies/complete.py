@@ -1,4 +1,4 @@
-"""All to all."""
+"""Complete graph."""
 
 from collections.abc import Sequence
 from itertools import permutations

@@ -1,4 +1,4 @@
-"""Link by link."""
+"""Graph given link by link."""
 
 from collections.abc import Sequence
 
@@ -6,12 +6,12 @@ from dcf_zenoh.errors import TopologyError
 
 
 def edges(agents: Sequence[int], *, links: list[tuple[int, int]], directed: bool = False) -> list[tuple[int, int]]:
-    """The links of a list.
+    """Links given in a list.
 
     Args:
         agents: Ids, ascending.
         links: Pairs of ids.
-        directed: The first of a pair is heard by the second, and does not hear it.
+        directed: A pair is one link, from the first agent to the second; otherwise it is a link in both directions.
 
     Returns:
         Links (sender, receiver).

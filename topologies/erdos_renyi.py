@@ -1,4 +1,4 @@
-"""Links by chance."""
+"""Random graph with independent links."""
 
 from collections.abc import Sequence
 from itertools import combinations
@@ -13,15 +13,15 @@ def erdos_renyi(agents: Sequence[int], *, probability: float = 0.5, seed: int = 
 
     Args:
         agents: Ids, ascending.
-        probability: In (0, 1].
-        seed: Of the random numbers.
+        probability: Probability that two agents are linked, in (0, 1].
+        seed: Seed of the random numbers.
 
     Returns:
         Links (sender, receiver).
 
     Raises:
         ValueError: `probability` is out of its range.
-        TopologyError: It is so small that no connected graph was found.
+        TopologyError: No connected graph was found: `probability` is too small.
 
     Source: Gilbert, "Random graphs", Annals of Mathematical Statistics, 1959; Erdős and Rényi, "On random graphs I",
     Publicationes Mathematicae, 1959.

@@ -1,4 +1,4 @@
-"""Links between those who are near."""
+"""Random geometric graph: links between agents at nearby random places."""
 
 from collections.abc import Sequence
 from itertools import combinations
@@ -9,21 +9,21 @@ from topologies.random_links import connected
 
 
 def geometric(agents: Sequence[int], *, radius: float = 0.5, seed: int = 0) -> list[tuple[int, int]]:
-    """Agents are thrown into a unit square, and hear each other within a radius; again until the graph is connected.
+    """Agents at random places in a unit square hear each other within a radius; drawn again until connected.
 
-    These places have nothing to do with where plants are.
+    These places are independent of the positions of plants.
 
     Args:
         agents: Ids, ascending.
-        radius: Positive; the square has side 1.
-        seed: Of the random numbers.
+        radius: Largest distance of linked agents, positive; the square has side 1.
+        seed: Seed of the random numbers.
 
     Returns:
         Links (sender, receiver).
 
     Raises:
         ValueError: `radius` is not positive.
-        TopologyError: It is so small that no connected graph was found.
+        TopologyError: No connected graph was found: `radius` is too small.
 
     Source: Penrose, "Random geometric graphs", 2003.
     """

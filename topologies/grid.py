@@ -1,15 +1,15 @@
-"""A mesh."""
+"""Grid graph."""
 
 from collections.abc import Sequence
 from math import isqrt
 
 
 def grid(agents: Sequence[int], *, rows: int | None = None, columns: int | None = None) -> list[tuple[int, int]]:
-    """Agents fill a grid row by row, in order of ids; those side by side or one above the other hear each other.
+    """Agents fill a grid row by row, in order of ids; agents next to each other in a row or column hear each other.
 
     Args:
         agents: Ids, ascending.
-        rows: Number of rows. None: what `columns` leaves, or as near to a square as the number of agents allows.
+        rows: Number of rows. None: it follows from `columns`; without either, the grid is as square as possible.
         columns: Number of columns, likewise.
 
     Returns:

@@ -1,4 +1,4 @@
-"""A line."""
+"""Path graph."""
 
 from collections.abc import Sequence
 from itertools import pairwise

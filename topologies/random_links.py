@@ -1,4 +1,4 @@
-"""Random graphs that are connected: drawn again until they are."""
+"""Random graphs, drawn again until one is connected."""
 
 from collections.abc import Callable, Sequence
 
@@ -12,13 +12,13 @@ Pairs = list[tuple[int, int]]
 
 
 def connected(agents: Sequence[int], seed: int, draw: Callable[[np.random.Generator], Pairs], hint: str) -> Pairs:
-    """The links of the first graph drawn that is connected, in both directions.
+    """Return the links, in both directions, of the first drawn graph that is connected.
 
     Args:
         agents: Ids, ascending.
-        seed: Of the random numbers.
-        draw: Pairs of neighbours, from random numbers; others in each call.
-        hint: What would make it more likely to be connected.
+        seed: Seed of the random numbers.
+        draw: Function from a random generator to pairs of neighbours.
+        hint: Advice for the message: what makes a connected graph more likely.
 
     Raises:
         TopologyError: None of `DRAWS` graphs is connected.

@@ -1,4 +1,4 @@
-"""As many neighbours for everyone, chosen by chance."""
+"""Random regular graph."""
 
 from collections.abc import Sequence
 
@@ -8,18 +8,18 @@ from topologies.random_links import connected
 
 
 def regular(agents: Sequence[int], *, degree: int | None = None, seed: int = 0) -> list[tuple[int, int]]:
-    """Every agent has the same number of neighbours, by chance; drawn again until the graph is connected.
+    """Every agent has the same number of random neighbours; drawn again until the graph is connected.
 
     Args:
         agents: Ids, ascending.
-        degree: Neighbours of each; None: 4, or as many as there are others.
-        seed: Of the random numbers.
+        degree: Number of neighbours of each agent; None: 4, or all other agents if there are fewer.
+        seed: Seed of the random numbers.
 
     Returns:
         Links (sender, receiver).
 
     Raises:
-        ValueError: There is no such graph that is connected: `degree` is not less than the number of agents, or less
+        ValueError: No such graph is connected: `degree` is not less than the number of agents, or less
             than 2 with more than two of them, or both numbers are odd.
 
     Source: Steger and Wormald, "Generating random regular graphs quickly", Combinatorics, Probability and Computing,
@@ -43,7 +43,7 @@ def regular(agents: Sequence[int], *, degree: int | None = None, seed: int = 0) 
 
 
 def _pairing(rng: np.random.Generator, agents: Sequence[int], degree: int) -> list[tuple[int, int]] | None:
-    """Join two agents that both lack neighbours, until none does; None if those left are neighbours already."""
+    """Join pairs of agents that need neighbours until none does; return None if no pair is left that may be joined."""
     missing = dict.fromkeys(agents, degree)
     pairs: set[tuple[int, int]] = set()
     while any(missing.values()):

@@ -1,4 +1,4 @@
-"""A closed line."""
+"""Ring graph."""
 
 from collections.abc import Sequence
 
@@ -8,7 +8,7 @@ def ring(agents: Sequence[int], *, directed: bool = False) -> list[tuple[int, in
 
     Args:
         agents: Ids, ascending.
-        directed: An agent is heard by the next one, and does not hear it.
+        directed: The next agent hears an agent, which does not hear the next one.
 
     Returns:
         Links (sender, receiver).

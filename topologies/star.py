@@ -1,10 +1,10 @@
-"""One in the middle."""
+"""Star graph."""
 
 from collections.abc import Sequence
 
 
 def star(agents: Sequence[int], *, hub: int | None = None) -> list[tuple[int, int]]:
-    """One agent and each of the others hear each other; the others do not.
+    """One agent and each other agent hear each other; there are no more links.
 
     Args:
         agents: Ids, ascending.

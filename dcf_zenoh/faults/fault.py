@@ -40,8 +40,8 @@ class FaultLink(NamedTuple):
 class Fault(ABC):
     """One fault on one directed link.
 
-    Each link has its own instance, so an instance may keep a state. It gets the messages in the order of sending. It has
-    no clock: `Delivery.entered` is the instant at which a message entered the link.
+    Each link has its own instance, so an instance may keep a state. It gets the messages in the order of sending. It
+    has no clock: `Delivery.entered` is the instant at which a message entered the link.
 
     A constructor's positional parameters are filled in by name: `link`, a `FaultLink`, or any of its fields. Its
     keyword-only parameters are the keys of its table in a fleet file, and a bare value in place of the table, as in

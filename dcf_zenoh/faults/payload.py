@@ -52,7 +52,7 @@ class PayloadFault(Fault):
 
     @property
     def unmet(self) -> str:
-        """Names that no payload had, such as a misspelt one, and the names that payloads had; empty if there are none."""
+        """Names that no payload had, such as a misspelt one, and the names that payloads had, or an empty text."""
         if not (self._missed and self._met):
             return ""
         return (

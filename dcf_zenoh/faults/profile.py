@@ -1,7 +1,7 @@
 """Link profiles: files of measured latencies, from which the latency of simulated links can be drawn.
 
-A profile is JSON: a schema, and for each directed link the ids of its agents, the numbers of messages sent and lost, the
-mean number lost in a row, quantiles of the latency, and the largest error of the difference of the two clocks.
+A profile is JSON: a schema, and for each directed link the ids of its agents, the numbers of messages sent and lost,
+the mean number lost in a row, quantiles of the latency, and the largest error of the difference of the two clocks.
 """
 
 import json

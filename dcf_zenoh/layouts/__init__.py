@@ -1,4 +1,4 @@
-"""Where the agents of a fleet start and where they want to be, without a table for each: ``[layout]``."""
+"""Layouts: starts and targets of all agents of a fleet, without a table for each agent: ``[layout]``."""
 
 from collections.abc import Callable, Mapping
 
@@ -6,5 +6,5 @@ from dcf_zenoh.layouts.circle import circle
 from dcf_zenoh.layouts.places import Places
 from dcf_zenoh.layouts.scattered import scattered
 
-# Kind -> function; keyword-only parameters are keys of [layout], positional ones any of `rng` and `clear`.
+# Kind -> function; keyword-only parameters are keys of [layout], positional ones are `rng` or `clear`.
 LAYOUTS: Mapping[str, Callable[..., Places]] = {"circle": circle, "random": scattered}

@@ -1,4 +1,4 @@
-"""Agents on a circle, each wanting to be where another is."""
+"""Layout: agents on a circle that exchange their places."""
 
 import numpy as np
 
@@ -14,14 +14,15 @@ def circle(
     ahead: int | None = None,
     centre: tuple[float, float] = (0.0, 0.0),
 ) -> Places:
-    """Agents at equal distances on a circle, counter-clockwise; each wants to be where one further on starts.
+    """Agents at equal distances on a circle, counter-clockwise; the target of each is the start of another.
 
     Args:
-        agents: How many.
-        radius: Of the circle, in m.
-        turn: Where the first agent is, as an angle from the x axis, in rad.
-        ahead: How many places each target is further on; None: half of them, which is straight across if they are even.
-        centre: Of the circle, in m.
+        agents: Number of agents.
+        radius: Radius of the circle, in m.
+        turn: Angle of the first agent from the x axis, in rad.
+        ahead: Number of places from a start to its target; None: half of all, which is straight across for an even
+            number of agents.
+        centre: Centre of the circle, in m.
 
     Raises:
         ValueError: The targets are the starts.

@@ -1,4 +1,4 @@
-"""Agents anywhere in a box, by the seed."""
+"""Layout: agents at random places in a box."""
 
 from typing import Literal
 
@@ -8,8 +8,8 @@ from dcf_zenoh.layouts.places import Clear, Count, Places
 from dcf_zenoh.plant import Array
 from dcf_zenoh.spec import NonNegativeFloat
 
-ATTEMPTS = 50  # to place all agents
-TRIES = 200  # to place one of them
+ATTEMPTS = 50  # attempts to place all agents
+TRIES = 200  # draws per agent in an attempt
 
 
 def scattered(
@@ -22,19 +22,19 @@ def scattered(
     spacing: NonNegativeFloat = 0.0,
     targets: Literal["exchanged", "anywhere"] = "exchanged",
 ) -> Places:
-    """Places drawn at random, to the mm; every agent's target is another's start, or a place drawn anew.
+    """Random places, rounded to mm; the target of every agent is the start of another, or another random place.
 
     Args:
-        rng: From which all is drawn.
-        clear: Whether the first few agents can be at given places.
-        agents: How many.
+        rng: Source of all random numbers.
+        clear: Function that returns whether the first agents can be at given places.
+        agents: Number of agents.
         low: Least coordinates of the box, in m.
         high: Greatest coordinates of the box, in m.
         spacing: Least distance of two starts, and of two targets, in m, beyond what `clear` asks for.
-        targets: "exchanged": the starts in another order, in which nobody stays. "anywhere": drawn as the starts are.
+        targets: "exchanged": the starts in another order, in which no agent stays. "anywhere": drawn like the starts.
 
     Raises:
-        ValueError: The box is none, or no room was found in it for so many.
+        ValueError: The box is empty, or no room was found in it for so many agents.
     """
     if not (low[0] < high[0] and low[1] < high[1]):
         raise ValueError(f"expected low < high on both axes, not {list(low)} and {list(high)} m")

@@ -1,8 +1,8 @@
 """Plug-ins: how the kinds of a fleet file become algorithms, problems, plants, faults and so on.
 
 A kind is the name of a built-in or installed entry point (group ``dcf_zenoh.<group>``), ``package.module:Name``, or
-``./file.py:Name`` relative to the fleet file. A plug-in in a file stands alone: it can import whatever is installed,
-but not the files beside it.
+``./file.py:Name`` relative to the fleet file. A plug-in in a file stands alone: it can import installed packages, but
+not the files next to it.
 """
 
 from dcf_zenoh.plugins.bare_value import BARE, first_key, spelled_out

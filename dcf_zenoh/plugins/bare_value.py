@@ -40,6 +40,6 @@ def first_key(group: str, kind: object, folder: Path, *, run: bool) -> str:
     try:
         may_run = run or is_built_in(group, kind)
         schema = accepted(load(group, kind, folder)) if may_run else peek(kind, folder) if split(kind) else None
-    except PluginError:  # which the checks report
+    except PluginError:  # reported by the checks
         return BARE
     return schema.parameters[0].name if schema and schema.parameters else BARE

@@ -1,4 +1,4 @@
-"""Calling plug-ins: what they get from the framework by position, and from the fleet file by key."""
+"""Calls of plug-ins: positional arguments come from the framework, keyword arguments from the fleet file."""
 
 import functools
 from collections.abc import Iterable, Mapping
@@ -9,7 +9,7 @@ from dcf_zenoh.errors import PluginError
 from dcf_zenoh.plugins.loading import Plugin
 from dcf_zenoh.plugins.schema import accepted, name_of, signature_of
 
-# What the framework fills the positional parameters of a plug-in with, by name.
+# Names of the positional parameters that the framework can fill, by group.
 CONTEXT: Mapping[str, tuple[str, ...]] = {
     "algorithms": (),
     "controllers": ("problem", "algorithm", "me", "sample_time"),
@@ -38,7 +38,7 @@ def create(plugin: Plugin, context: Mapping[str, Any], options: Mapping[str, Any
 
 
 def bind(plugin: Plugin, options: Mapping[str, Any], where: str) -> Plugin:
-    """An algorithm with its options bound, to be called with problem and me.
+    """Return an algorithm with its options bound, to be called with problem and me.
 
     Raises:
         PluginError: Options do not fit.
@@ -58,7 +58,7 @@ def check_options(plugin: Plugin, options: Mapping[str, Any], where: str) -> tup
 
 
 def check_positional(plugin: Plugin, context: Iterable[str]) -> list[str]:
-    """One line for each positional parameter that the framework does not know."""
+    """Return one line for each positional parameter that the framework cannot fill."""
     names = list(context)
     return [
         f"{name_of(plugin)} has a positional parameter {name!r}{nearest(name, names)} allowed: {listed(names)};"
@@ -69,7 +69,7 @@ def check_positional(plugin: Plugin, context: Iterable[str]) -> list[str]:
 
 
 def check_signature(group: str, plugin: Plugin) -> list[str]:
-    """One line for each thing about the positional parameters that does not fit `group`."""
+    """Return one line for each error in the positional parameters of a plug-in of `group`."""
     if group != "algorithms":
         return check_positional(plugin, CONTEXT[group])
     names = positional(plugin)
@@ -79,6 +79,6 @@ def check_signature(group: str, plugin: Plugin) -> list[str]:
 
 
 def positional(plugin: Plugin) -> list[str]:
-    """Names of the parameters that the framework fills."""
+    """Return the names of the parameters that the framework fills."""
     parameters = signature_of(plugin).parameters.values()
     return [p.name for p in parameters if p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD)]

@@ -1,4 +1,4 @@
-"""Names to objects: what the kinds of a fleet file stand for."""
+"""Loading of plug-ins: from the kinds of a fleet file to classes and functions."""
 
 import functools
 import importlib
@@ -17,14 +17,14 @@ Plugin = Callable[..., Any]
 
 @functools.cache
 def known(group: str) -> Mapping[str, EntryPoint]:
-    """The installed kinds of a group, by name; a built-in one wins over another of the same name."""
+    """Return the installed kinds of a group, by name; a built-in one wins over another of the same name."""
     points = installed().select(group=f"dcf_zenoh.{group}")
     return {point.name: point for point in sorted(points, key=lambda point: (_is_ours(point), point.name))}
 
 
 @functools.cache
 def installed() -> EntryPoints:
-    """Of everything that is installed: reading them takes a while."""
+    """Return the entry points of all installed distributions; reading them is slow, so they are cached."""
     return cast(EntryPoints, entry_points())
 
 
@@ -41,20 +41,20 @@ def _is_ours(point: EntryPoint) -> bool:
 
 
 def is_built_in(group: str, kind: str) -> bool:
-    """Whether `kind` comes with dcf-zenoh: loading it runs no code of others."""
+    """Return whether `kind` is part of dcf-zenoh, so that loading it runs no third-party code."""
     return kind in (points := known(group)) and _is_ours(points[kind])
 
 
 def load(group: str, kind: str, folder: Path) -> Plugin:
-    """The class or function that `kind` names.
+    """Return the class or function that `kind` names.
 
     Args:
-        group: Such as ``algorithms``.
+        group: Group of the plug-in, such as ``algorithms``.
         kind: Entry point, ``package.module:Name`` or ``./file.py:Name``.
         folder: What the paths of files are relative to.
 
     Raises:
-        PluginError: There is no such kind, or it cannot be imported; the message says why.
+        PluginError: There is no such kind, or it cannot be imported; the message gives the reason.
     """
     if in_file := split(kind):
         path, name = folder / in_file[0], in_file[1]
@@ -72,10 +72,10 @@ def load(group: str, kind: str, folder: Path) -> Plugin:
 
 
 def check_known(group: str, kind: str) -> None:
-    """Refuse a kind without ``:`` that is not installed, without importing anything.
+    """Raise an error for a kind without ``:`` that is not installed, without importing anything.
 
     Raises:
-        PluginError: With the kinds that there are and the nearest spelling.
+        PluginError: There is no such kind; the message has the known kinds and the nearest spelling.
     """
     names = sorted(known(group))
     if ":" not in kind and kind not in names:
@@ -97,5 +97,5 @@ def _attribute(module: ModuleType, name: str, kind: str) -> object:
 def _import(module: str, kind: str) -> ModuleType:
     try:
         return importlib.import_module(module)
-    except (Exception, SystemExit) as error:  # a script exits
+    except (Exception, SystemExit) as error:  # a script may exit
         raise PluginError(f"{kind}: importing {module} failed: {reason(error)}") from error

@@ -1,4 +1,4 @@
-"""Plug-ins that are files: imported once, or looked at without running them."""
+"""Plug-ins in files: imported once, or read as text without running them."""
 
 import ast
 import hashlib
@@ -19,7 +19,7 @@ _Definitions: TypeAlias = Mapping[str, ast.ClassDef | ast.FunctionDef]
 
 
 def split(kind: str) -> tuple[str, str] | None:
-    """File and name of a kind such as ``./file.py:Name``; None for the others."""
+    """Return file and name of a kind such as ``./file.py:Name``; None for other kinds."""
     file, _, name = kind.rpartition(":")
     return (file, name) if file.endswith(".py") else None
 
@@ -29,10 +29,10 @@ def import_file(path: Path, kind: str) -> ModuleType:
 
     Args:
         path: The file.
-        kind: What asks for it, for messages.
+        kind: Kind that is in the file, for messages.
 
     Raises:
-        PluginError: It is not there, or raises an exception.
+        PluginError: The file cannot be read, or raises an exception.
     """
     content = _read(path, kind)
     path = path.resolve()
@@ -44,10 +44,10 @@ def import_file(path: Path, kind: str) -> ModuleType:
     spec = importlib.util.spec_from_file_location(name, path, loader=loader)
     assert spec is not None
     module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module  # dataclasses and annotations look their module up there
+    sys.modules[name] = module  # dataclasses and annotations look up their module there
     try:
         loader.exec_module(module)
-    except (Exception, SystemExit) as error:  # a script exits
+    except (Exception, SystemExit) as error:  # a script may exit
         del sys.modules[name]
         lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == str(path)]
         at = f", line {lines[-1]}" if lines else ""
@@ -63,7 +63,7 @@ def peek(kind: str, folder: Path) -> Schema | None:
     own, or a name that is imported or assigned.
 
     Raises:
-        PluginError: The file is not there or is not Python, or nothing of that name is defined in it.
+        PluginError: The file cannot be read, is not Python, or defines nothing of that name.
     """
     file, name = split(kind) or ("", "")
     path = folder / file
@@ -113,7 +113,7 @@ def _text(node: ast.expr | None) -> str:
 
 
 def _bound(tree: ast.Module) -> set[str]:
-    """Names that something in the file assigns or imports."""
+    """Return the names that are assigned, imported or defined anywhere in the file."""
     names = {node.id for node in ast.walk(tree) if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)}
     aliases = [
         alias for node in ast.walk(tree) if isinstance(node, ast.Import | ast.ImportFrom) for alias in node.names
@@ -123,7 +123,7 @@ def _bound(tree: ast.Module) -> set[str]:
 
 
 class _Source(importlib.abc.SourceLoader):
-    """Compiles bytes already read: what runs is what was hashed, and no ``__pycache__`` is left behind."""
+    """Loader of bytes that were read before: what runs is what was hashed, and no ``__pycache__`` is left behind."""
 
     def __init__(self, path: Path, content: bytes) -> None:
         self._path = str(path)

@@ -22,12 +22,12 @@ REQUIRED: Any = inspect.Parameter.empty
 
 @dataclass(frozen=True)
 class Parameter:
-    """One key.
+    """One key of a plug-in or of a sub-table.
 
     Attributes:
-        name: The key.
-        type: What its values are checked against.
-        default: `REQUIRED` if there is none.
+        name: Name of the key.
+        type: Type of its values.
+        default: Default value; `REQUIRED` if there is none.
         table: Keys of the sub-table that is the value of this key; None: the value is no sub-table.
     """
 
@@ -45,10 +45,10 @@ class Schema:
 
     Attributes:
         owner: Name of the plug-in or of the sub-table, for messages.
-        parameters: In the order of the signature.
+        parameters: The keys, in the order of the signature.
         shared: Keys that must have the same value at every agent.
         renamed: Key of an earlier version -> its present name or path, for messages.
-        make: Makes the value of a sub-table from the values of its keys; None for a plug-in.
+        make: Function that makes the value of a sub-table from the values of its keys; None for a plug-in.
     """
 
     owner: str

@@ -1,7 +1,7 @@
-"""What a fleet is: one frozen, validated object in the shape of the fleet file.
+"""The specification of a fleet: one frozen, validated object in the shape of the fleet file.
 
-`dcf_zenoh.config` reads fleet files into these; everything else only reads them. Durations are in s here and
-integer ns (`nanoseconds`) wherever time is computed with.
+`dcf_zenoh.config` makes it from a fleet file; all other code only reads it. Durations are in s here, and integer ns
+(`nanoseconds`) wherever the project computes with time.
 """
 
 from dcf_zenoh.spec.faults import AgentFaults, Crash, FaultRule, Faults, FaultTable, Slow, Switch

@@ -1,4 +1,4 @@
-"""What shall go wrong: faults of links and of agents, in the shape of the fleet file."""
+"""Faults of links and of agents, in the shape of the fleet file."""
 
 from typing import Annotated, Literal
 
@@ -16,7 +16,7 @@ Ids = AgentId | tuple[AgentId, ...]
 
 
 class FaultRule(Table):
-    """Faults of some links, or at some time; all other keys are faults by name, `false` for none."""
+    """Faults of some links, or at some time; all other keys are faults by name, `false` for no fault."""
 
     model_config = ConfigDict(frozen=True, extra="allow", allow_inf_nan=False, populate_by_name=True)
     __pydantic_extra__: dict[str, Switch] = Field(init=False)
@@ -33,7 +33,7 @@ class FaultRule(Table):
         return dict(self.model_extra or {})
 
     def covers(self, sender: int, receiver: int) -> bool:
-        """Whether this is a rule for the link ``sender -> receiver``."""
+        """Return whether the rule applies to the link ``sender -> receiver``."""
         return _among(sender, self.from_) and _among(receiver, self.to)
 
 
@@ -42,7 +42,7 @@ def _among(agent: int, ids: Ids | None) -> bool:
 
 
 class Faults(Table):
-    """Faults of all links, by name, then rules; later rules win, name by name."""
+    """Faults of all links, by name, and rules; later rules win, name by name."""
 
     model_config = ConfigDict(frozen=True, extra="allow", allow_inf_nan=False, populate_by_name=True)
     __pydantic_extra__: dict[str, Switch] = Field(init=False)
@@ -61,21 +61,21 @@ class Faults(Table):
 
 
 class Crash(Table):
-    """An agent dies, and may come back."""
+    """Crash of an agent, perhaps with a restart."""
 
     at: NonNegativeFloat = Field(description="s")
     restart_after: PositiveFloat | None = Field(default=None, description="s; none: it stays dead")
 
 
 class Slow(Table):
-    """An agent computes slowly."""
+    """Slow-down of the computation of an agent."""
 
     factor: Annotated[float, Field(ge=1)] = Field(description="by which its computation takes longer")
     during: tuple[NonNegativeFloat, NonNegativeFloat] | None = Field(default=None, description="s; none: always")
 
 
 class AgentFaults(Table):
-    """What goes wrong with one agent."""
+    """Faults of one agent; false if there are none."""
 
     crash: Crash | None = None
     pause: tuple[NonNegativeFloat, NonNegativeFloat] | None = Field(

@@ -1,4 +1,4 @@
-"""A fleet with all its tables."""
+"""The specification of a fleet with all its tables."""
 
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
@@ -11,7 +11,7 @@ from dcf_zenoh.spec.table import AgentId, Kind, Name, NonNegativeFloat, Positive
 
 
 class Topology(Kind):
-    """Who hears whom."""
+    """Graph of the links, and mixing weights."""
 
     kind: str = "complete"
     weights: Literal["auto", "metropolis", "laplacian", "uniform", "uneven"] = Field(
@@ -23,14 +23,14 @@ class Topology(Kind):
 
 
 class Arrived(Table):
-    """When an agent counts as arrived: so near its target for so long."""
+    """When an agent counts as arrived: how near its target, and for how long."""
 
     within: PositiveFloat = Field(default=0.05, description="m")
     for_: NonNegativeFloat = Field(default=1.0, alias="for", description="s")
 
 
 class Time(Table):
-    """The control loop's time."""
+    """Clock, control period and length of a run."""
 
     clock: Literal["wall", "virtual"] = Field(
         default="virtual", description="real time, or time computed by the model alone"
@@ -46,7 +46,7 @@ class Time(Table):
 
 
 class Rounds(Table):
-    """The rounds of a control step: how many, how long, when they end, what stands in for what is missing."""
+    """Rounds of a control step: number, time, when they end, and what stands in for missing values."""
 
     mode: Literal["synchronous", "asynchronous"] = Field(
         default="synchronous", description="rounds in step with the neighbours, or activations at instants of one's own"
@@ -88,18 +88,18 @@ class Rounds(Table):
     )
 
     def step_budget(self, sample_time: float) -> float:
-        """Seconds of each control step that rounds may take."""
+        """Return the time of each control step that rounds may take, s."""
         return 0.75 * sample_time if self.budget is None else self.budget
 
 
 class Log(Table):
-    """What is recorded beyond one record per step."""
+    """Records in addition to one per step."""
 
     rounds: bool = Field(default=False, description="record payload, residual and reception times of every round")
 
 
 class NetworkTable(Table):
-    """Zenoh: where agents listen, and any setting of Zenoh's own."""
+    """Zenoh: endpoints of agents, time-outs, and settings of Zenoh itself."""
 
     base_port: Annotated[int, Field(ge=1024, le=65000)] = Field(
         default=7450,
@@ -118,14 +118,14 @@ class NetworkTable(Table):
 
 
 class Activation(Table):
-    """Asynchronous mode: an agent's own rhythm."""
+    """Period and jitter of an agent's activations in asynchronous mode."""
 
     period: PositiveFloat | None = Field(default=None, description="s; none: the fleet's")
     jitter: NonNegativeFloat | None = Field(default=None, description="s; none: the fleet's")
 
 
 class AgentTable(Table):
-    """One agent and how it differs from the others."""
+    """One agent, and the keys in which it differs from the fleet."""
 
     start: Vector | None = Field(default=None, description="position before the first step, m")
     target: Vector | None = Field(default=None, description="short for problem.target, m")
@@ -141,14 +141,14 @@ class AgentTable(Table):
 
 @dataclass(frozen=True)
 class AgentSpec:
-    """One agent with all choices made.
+    """One agent with all choices resolved.
 
     Attributes:
-        id: The agent.
+        id: Id of the agent.
         start: Position before the first step, m; empty without a plant.
         plant: Kind and options of its plant; None for an agent that only computes.
         problem: Kind and options of its share of the problem.
-        faults: What shall go wrong with it.
+        faults: Faults of the agent.
     """
 
     id: int
@@ -159,7 +159,7 @@ class AgentSpec:
 
 
 def default_controller(*, has_plants: bool) -> str:
-    """The kind of controller where a fleet file does not say."""
+    """Return the kind of controller of a fleet file that names none."""
     return "receding_horizon" if has_plants else "solve_once"
 
 
@@ -186,12 +186,12 @@ class FleetSpec(Table):
 
     @property
     def ids(self) -> tuple[int, ...]:
-        """All agents, ascending."""
+        """Ids of all agents, ascending."""
         return tuple(sorted(self.agents))
 
     @property
     def has_plants(self) -> bool:
-        """Whether anything moves."""
+        """Whether the agents have plants."""
         return self.plant is not None or any(own.plant is not None for own in self.agents.values())
 
     @property
@@ -201,12 +201,13 @@ class FleetSpec(Table):
 
     @property
     def controller_kind(self) -> Kind:
-        """The controller, chosen by whether there are plants where the file does not say."""
+        """Controller: that of the file, or the default for a fleet with or without plants."""
         return self.controller or Kind(kind=default_controller(has_plants=self.has_plants))
 
     def activation(self, agent: int) -> Activation:
-        """The rhythm of one agent in asynchronous mode, both numbers chosen; its period is budget / max_rounds where
-        the file gives none.
+        """Return period and jitter of one agent in asynchronous mode, neither None.
+
+        Without a period in the file, it is budget / max_rounds.
         """
         own, fleet = self.agents[agent].exchange, self.exchange
         period = fleet.step_budget(self.time.sample_time) / fleet.max_rounds if fleet.period is None else fleet.period
@@ -216,7 +217,7 @@ class FleetSpec(Table):
         )
 
     def agent(self, agent: int) -> AgentSpec:
-        """The choices for one agent, overrides merged in."""
+        """Return one agent with all choices resolved: its own keys merged into those of the fleet."""
         own = self.agents[agent]
         problem = own.problem if own.target is None else {"target": own.target, **own.problem}
         name = own.plant or self.plant

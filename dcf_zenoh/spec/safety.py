@@ -1,4 +1,4 @@
-"""What must not happen to an agent, and what follows if it does."""
+"""Safety rules: limits, and the reaction when one is violated."""
 
 from typing import Annotated, Literal, TypeAlias
 
@@ -6,21 +6,21 @@ from pydantic import Field
 
 from dcf_zenoh.spec.table import PositiveFloat, Table, Vector
 
-# log: note it. hold: come to rest, and stay until the end of the run. land: end the flight.
+# log: record it. hold: come to rest, and stay until the end of the run. land: end the flight.
 # stop: motors off at once, and end the flight.
 Reaction: TypeAlias = Literal["log", "hold", "land", "stop"]
 LimitReaction: TypeAlias = Literal["clip", "log", "hold", "land", "stop"]
 
 
 class Arena(Table):
-    """Where agents may be: a box, in the world frame."""
+    """Box in which agents may be, in the world frame."""
 
     min: Vector = Field(description="least coordinates, m")
     max: Vector = Field(description="greatest coordinates, m")
 
 
 class SilenceRule(Table):
-    """What happens when a neighbour is lost."""
+    """Reaction when a neighbour is lost."""
 
     after: PositiveFloat = Field(default=0.6, description="s without a message that make a neighbour lost")
     then: Literal["land", "hold", "stop", "continue"] = Field(
@@ -30,28 +30,28 @@ class SilenceRule(Table):
 
 
 class LimitRule(Table):
-    """What happens when something is greater than it may be."""
+    """Largest permitted magnitude, and the reaction when it is exceeded."""
 
     max: PositiveFloat = Field(description="greatest magnitude, m/s or m/s²")
     then: LimitReaction = Field(default="clip", description="clip: cut down what is commanded")
 
 
 class SeparationRule(Table):
-    """What happens when a neighbour is too near."""
+    """Least distance to a neighbour, and the reaction when it is closer."""
 
     min: PositiveFloat = Field(description="least distance, m")
     then: Reaction = "log"
 
 
 class LateRule(Table):
-    """What happens when steps overrun one after the other."""
+    """Reaction when several steps in a row are late."""
 
     in_a_row: Annotated[int, Field(ge=1)] = 3
     then: Reaction = "hold"
 
 
 class Safety(Table):
-    """What must not happen, and what follows if it does."""
+    """Safety rules of every agent."""
 
     geofence: Reaction = Field(default="land", description="outside the arena, if there is one")
     neighbour_silent: SilenceRule = Field(default_factory=SilenceRule)

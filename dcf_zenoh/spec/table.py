@@ -1,4 +1,4 @@
-"""What the tables of a fleet file have in common."""
+"""Base classes and types of the tables of a fleet file."""
 
 from collections.abc import Mapping
 from typing import Annotated, Any
@@ -13,7 +13,7 @@ Vector = tuple[float, ...]
 
 
 def nanoseconds(seconds: float) -> int:
-    """The nearest whole number of ns."""
+    """Convert s to the nearest whole number of ns."""
     return round(seconds * 1e9)
 
 
@@ -27,7 +27,7 @@ def merged(table: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, An
 
 
 class Table(BaseModel):
-    """One table of a fleet file: known keys only, never changed."""
+    """One table of a fleet file: frozen, and with known keys only."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, populate_by_name=True)
 
@@ -41,7 +41,7 @@ class Kind(Table):
 
     @property
     def options(self) -> dict[str, Any]:
-        """All keys but those of the framework."""
+        """Keys and values for the plug-in: all but those that are fields of the table."""
         return dict(self.model_extra or {})
 
     def with_options(self, changes: Mapping[str, Any]) -> "Kind":
