@@ -162,7 +162,7 @@ def stack(agent: int, ports: list[int], seconds: float) -> None:
     exchange = Exchange(agent, hood, rounds, mailbox, receiver, Sender(agent), Synchronous(rounds), options)
     parts = AgentParts(agent, NoPlant(), mailbox, {}, exchange, Recorder(io.BytesIO(), agent, {}), loop())
     with Network(agent, hood, address) as network:
-        network.meet("bench", TIMEOUT / 2)
+        network.do_handshake("bench", TIMEOUT / 2)
         spare_collector()
         drive(parts.loop, WallRunner(parts, network, {}))
         report(found[0])

@@ -1,47 +1,47 @@
-"""Fleet time, in ns since the common start."""
+"""Clocks of fleet time, in ns since the common start."""
 
 import time
 
 
 class WallClock:
-    """Real time. Before the start, ns UTC; after it, monotonic time since the start.
+    """Real time: ns UTC before the start, monotonic time since the start after it.
 
-    The agreed instant is mapped to this machine's monotonic clock once, so later steps of the system clock do
-    not matter.
+    The agreed instant of the start is mapped to this machine's monotonic clock once. Later changes of the system clock
+    have no effect.
     """
 
     def __init__(self) -> None:
         self._origin: int | None = None
 
     def now(self) -> int:
-        """Fleet time, ns."""
+        """Return fleet time, ns."""
         return time.time_ns() if self._origin is None else time.monotonic_ns() - self._origin
 
     def deadline(self, instant: int) -> float:
-        """A fleet time as a time of this machine's monotonic clock, s."""
+        """Convert a fleet time, ns, to a time of this machine's monotonic clock, s."""
         origin = time.monotonic_ns() - time.time_ns() if self._origin is None else self._origin
         return (instant + origin) * 1e-9
 
     def start(self, instant: int) -> None:
-        """Let fleet time be 0 at `instant`, ns UTC."""
+        """Set fleet time 0 to `instant`, ns UTC."""
         self._origin = time.monotonic_ns() + instant - time.time_ns()
 
 
 class VirtualClock:
-    """Time that passes only when the model says so."""
+    """Virtual time: it passes only where the model says so."""
 
     def __init__(self) -> None:
         self._now = 0
 
     def now(self) -> int:
-        """Fleet time, ns."""
+        """Return fleet time, ns."""
         return self._now
 
     def start(self, instant: int) -> None:  # noqa: ARG002
-        """The model starts at 0, whenever that is."""
+        """Set fleet time to 0, whatever the real time `instant` is."""
         self._now = 0
 
     def advance(self, until: int) -> int:
-        """Let time pass until `until`, ns; it never goes back. The new time."""
+        """Let time pass until `until`, ns, but never back; return the new time."""
         self._now = max(self._now, until)
         return self._now

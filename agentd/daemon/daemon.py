@@ -29,7 +29,7 @@ from dcf_zenoh.spec import FleetSpec
 
 log = logging.getLogger(__name__)
 GOODBYE_TIMEOUT = 2.0  # s to wait for the neighbours' goodbyes
-HELD_UP = 0.5  # s that sending may wait for a neighbour that takes nothing, on the wall clock
+SEND_TIMEOUT = 0.5  # s that sending may wait for a neighbour that takes nothing, on the wall clock
 CLOCK_OFFSET_MAX = 0.02  # s between two machines on the wall clock
 
 
@@ -79,7 +79,7 @@ def run_agent(fleet: LoadedFleet, task: Assignment) -> Last:
         listen=task.endpoints[task.agent],
         connect=endpoints_to_connect(task.agent, linked, task.endpoints),
         settings=fleet.spec.zenoh.settings,
-        patience=HELD_UP if fleet.spec.time.clock == "wall" else fleet.spec.zenoh.receive_timeout,
+        send_timeout=SEND_TIMEOUT if fleet.spec.time.clock == "wall" else fleet.spec.zenoh.receive_timeout,
     )
     restart = restart_of(fleet.spec, task.folder, task.agent) if task.rejoin else None
     incarnation = restart.incarnation if restart else 0
@@ -91,7 +91,7 @@ def run_agent(fleet: LoadedFleet, task: Assignment) -> Last:
     ):
         if task.agreed:
             network.notify(Agreed())
-        offsets = network.meet(fingerprint(fleet), fleet.spec.zenoh.ready_timeout, incarnation)
+        offsets = network.do_handshake(fingerprint(fleet), fleet.spec.zenoh.ready_timeout, incarnation)
         if restart and not network.start:
             raise NetworkError(f"agent {task.agent}: --rejoin: this fleet has not started yet")
         _check_offsets(task.agent, offsets, wall=fleet.spec.time.clock == "wall")

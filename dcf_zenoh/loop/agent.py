@@ -250,16 +250,16 @@ class Agent:
             alarms.append(Alarm("late", "land", "the step overran, and exchange.late says land"))
         return setpoint, alarms
 
-    def _react(self, look: str, alarms: Sequence[Alarm], step: int, now: int) -> Last | None:
+    def _react(self, check: str, alarms: Sequence[Alarm], step: int, now: int) -> Last | None:
         """Log new alarms and carry out the most severe reaction; return the kind of goodbye if that ends the run.
 
         Args:
-            look: Name of the check that gave the alarms; see `Supervisor.fresh`.
+            check: Name of the check that gave the alarms; see `Supervisor.fresh`.
             alarms: Its alarms.
             step: Control step k.
             now: Fleet time, ns.
         """
-        for alarm in self._supervisor.fresh(look, alarms):
+        for alarm in self._supervisor.fresh(check, alarms):
             self._recorder.event("alarm", now, step=step, **alarm._asdict())
         worst = most_severe(alarms)
         if worst is None or worst.then in ("log", "clip"):

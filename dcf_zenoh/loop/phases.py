@@ -1,4 +1,4 @@
-"""A flight around the steps of a run: how a fleet gets ready, and how a body comes down whatever happens."""
+"""Phases of a flight around the control steps: preparation with phase barriers, agreement on the start, landing."""
 
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager
@@ -12,26 +12,26 @@ from dcf_zenoh.rounds.exchange import Exchange
 from dcf_zenoh.spec import nanoseconds
 
 PHASES = ("prepare", "inspect", "agree", "arm", "take_off", "settle", "go_to_start")
-START_LEAD = 50_000_000  # ns between the last agent's being ready and the common start
-PHASE_TIME = 120_000_000_000  # ns that others may take for a phase
-CONSENT_TIME = 900_000_000_000  # ns that a person may take to agree
-_NOBODY = 2**53  # no id of an agent
+START_LEAD = 50_000_000  # ns from the moment at which the last agent is ready to the common start
+PHASE_TIME = 120_000_000_000  # ns, longest wait for the other agents at a phase barrier
+CONSENT_TIME = 900_000_000_000  # ns, longest wait for a person's consent to the take-off
+_NO_AGENT = 2**53  # larger than any id
 
 
 def first_number(diameter: int) -> int:
-    """The sequence number of an agent's first message: those of the agreement on the start begin with 0."""
-    return -len(PHASES) * (diameter + 1)  # a phase takes so many rounds, and the word that it is over
+    """Return the sequence number of an agent's first message; the agreement on the start begins with number 0."""
+    return -len(PHASES) * (diameter + 1)  # a phase barrier takes `diameter` rounds and a message that it is over
 
 
 class Flight:
-    """The phases of one agent's flight.
+    """Phases of one agent's flight.
 
     Args:
-        me: The agent.
+        me: The agent, as algorithms see it.
         plant: Its body.
         exchange: Its rounds with the neighbours.
         recorder: Its log.
-        ready_timeout: Longest wait for the others to agree on the start, ns.
+        ready_timeout: Longest wait for the fleet's agreement on the start, ns.
     """
 
     def __init__(self, me: Me, plant: Plant, exchange: Exchange, recorder: Recorder, ready_timeout: int) -> None:
@@ -41,15 +41,17 @@ class Flight:
         self._recorder = recorder
         self._ready_timeout = ready_timeout
         self._checks: tuple[Check, ...] = ()
-        self._off_the_ground = False  # or may be
+        self._airborne = False  # True as soon as the body may be off the ground
 
     def begin(self) -> Loop[int]:
-        """Get ready together with the fleet, phase by phase, and start; fleet time, ns.
+        """Go through the phases together with the fleet, and start; return fleet time, ns.
+
+        If one agent cannot continue, the whole fleet stops.
 
         Raises:
-            PlantError: The own body cannot go on; nobody does.
-            NeighbourLost: Another one cannot.
-            NotReady: Nobody agreed to the take-off, or the fleet did not agree on a start in time.
+            PlantError: This agent's body cannot continue.
+            NeighbourLost: Another agent cannot continue.
+            NotReady: No person agreed to the take-off, or the fleet did not agree on a start in time.
         """
         for number, phase in enumerate(PHASES):
             refusal = yield from self._perform(phase)
@@ -63,7 +65,7 @@ class Flight:
             words = phase.replace("_", " ")
             if outcome.result is None:
                 raise NotReady(f"agent {self._me.id}: {words}: {self._missing(timeout)}")
-            if outcome.result != _NOBODY:
+            if outcome.result != _NO_AGENT:
                 raise NeighbourLost(
                     f"agent {self._me.id}: {words}: agent {outcome.result} cannot go on, so nobody does"
                 )
@@ -74,16 +76,16 @@ class Flight:
         return now
 
     def join(self, last_state: State) -> Loop[int]:
-        """Take part again in a run that is under way; fleet time, ns."""
+        """Join a run that has already started, after a restart; return fleet time, ns."""
         yield from self._go_through("prepare", self._plant.prepare)
         now = yield Wait(0)
-        self._off_the_ground = True
+        self._airborne = True
         with self._blaming("resume"):
             self._plant.resume(last_state, now)
         return now
 
     def land(self, now: int, reason: str) -> Loop[int]:
-        """Come down because of `reason`, whoever wants what meanwhile: a body that lands is not left alone.
+        """Land because of `reason`; requests to stop do not interrupt it.
 
         Returns:
             Fleet time, ns.
@@ -91,9 +93,9 @@ class Flight:
         Raises:
             PlantError: The plant raised an exception.
         """
-        if not self._off_the_ground:
+        if not self._airborne:
             return now
-        self._off_the_ground = False
+        self._airborne = False
         if self._plant.landing_time:
             yield Report("land")
         with self._blaming("finish"):
@@ -103,24 +105,24 @@ class Flight:
             while now < until:
                 try:
                     now = yield Wait(until)
-                except DcfError:  # it is about to stop anyhow
+                except DcfError:  # the agent is stopping already
                     continue
         return now
 
     def _perform(self, phase: str) -> Loop[PlantError | NotReady | None]:
-        """Go through a phase; what keeps the body from going on."""
+        """Go through a phase; return the error that keeps the agent from continuing, if there is one."""
         yield Report(phase, self._checks)
         try:
             if phase == "agree":
-                return (yield from self._agree())
-            self._off_the_ground = self._off_the_ground or phase == "arm"
+                return (yield from self._agree_on_take_off())
+            self._airborne = self._airborne or phase == "arm"
             yield from self._go_through(phase, getattr(self._plant, phase))
-            return self._objection() if phase == "inspect" else None
+            return self._failed_checks() if phase == "inspect" else None
         except PlantError as error:
             return error
 
-    def _agree(self) -> Loop[NotReady | None]:
-        """Ask a person whether real bodies may take off."""
+    def _agree_on_take_off(self) -> Loop[NotReady | None]:
+        """Wait for a person's consent, if the body is real."""
         if not self._plant.real:
             return None
         now = yield Wait(0)
@@ -128,8 +130,8 @@ class Flight:
             return NotReady(f"agent {self._me.id}: nobody agreed to the take-off within {CONSENT_TIME * 1e-9:g} s")
         return None
 
-    def _objection(self) -> PlantError | None:
-        """Look at what the inspection has found."""
+    def _failed_checks(self) -> PlantError | None:
+        """Log the results of the inspection; return an error if a check failed."""
         with self._blaming("checks"):
             self._checks = self._plant.checks()
         if self._checks:
@@ -138,7 +140,7 @@ class Flight:
         return PlantError(f"agent {self._me.id}: not ready to fly: {'; '.join(problems)}") if problems else None
 
     def _go_through(self, phase: str, perform: Callable[[], Pauses]) -> Loop[None]:
-        """Go through a phase, and wait for as long as it asks for."""
+        """Go through a phase of the plant, with the pauses that it yields."""
         now = yield Wait(0)
         with self._blaming(phase):
             pauses = iter(perform() or ())
@@ -153,7 +155,7 @@ class Flight:
         return blaming(PlantError, f"agent {self._me.id}: {phase.replace('_', ' ')}")
 
     def _agree_on_start(self) -> Loop[int]:
-        """Agree on the instant of the start: the latest that any agent proposes."""
+        """Agree with the fleet on the start, the latest instant that any agent proposes; return fleet time, ns."""
         now = yield Wait(0)
         proposal = _latest(self._me, now + START_LEAD)
         outcome = yield from self._exchange.negotiate(proposal, -1, now, until=now + self._ready_timeout)
@@ -163,26 +165,29 @@ class Flight:
         return (yield Start(outcome.result))
 
     def _missing(self, timeout: int) -> str:
-        """Why somebody was not heard."""
+        """Describe which agents are missing after a time-out."""
         lost = [f"neighbour {j} is lost ({how})" for j, how in self._exchange.lost_neighbours(0, NEVER).items()]
         return "; ".join(lost) or f"not everybody was heard within {timeout * 1e-9:g} s"
 
 
 def _latest(me: Me, proposal: int) -> Dialogue[int | None]:
-    """The largest proposal of the fleet; None if somebody was not heard, or there is no time left."""
+    """Return the largest proposal of the fleet; None if a message is missing or there is no time left."""
     return (yield from _flood(me, "start", proposal, max))
 
 
 def _refusing(me: Me, *, refuses: bool) -> Dialogue[int | None]:
-    """The lowest id of those who refuse to go on, `_NOBODY` if all agree; None if somebody was not heard.
+    """Return the lowest id of the agents that refuse to continue, `_NO_AGENT` if there are none.
 
-    An agent that waits here for all others knows that they have come as far as itself.
+    None if a message is missing. This is the phase barrier: it ends when all agents have reached it.
     """
-    return (yield from _flood(me, "refuses", me.id if refuses else _NOBODY, min))
+    return (yield from _flood(me, "refuses", me.id if refuses else _NO_AGENT, min))
 
 
 def _flood(me: Me, name: str, value: int, combine: Callable[..., int]) -> Dialogue[int | None]:
-    """The largest or smallest value of the fleet, known to all after as many rounds as the graph's diameter."""
+    """Return the largest or smallest value of the fleet, by flooding: it takes as many rounds as the graph's diameter.
+
+    None if a message is missing or there is no time left.
+    """
     diameter = me.neighbourhood.diameter
     for number in range(1, diameter + 1):
         inbox = yield {name: value}, float("inf")

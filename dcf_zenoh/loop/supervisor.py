@@ -1,4 +1,4 @@
-"""The safety supervisor: it stands between an agent's decisions and its body, whatever the body and the method are."""
+"""Safety supervisor: checks between an agent's decisions and its body, for any plant and algorithm."""
 
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
@@ -13,12 +13,12 @@ REACTIONS = ("log", "clip", "hold", "land", "stop")
 
 
 class Alarm(NamedTuple):
-    """Something that must not happen has happened.
+    """Violation of a safety rule.
 
     Attributes:
-        rule: Key of ``[safety]``.
-        then: What follows; one of `REACTIONS`.
-        text: What has happened, with numbers and units.
+        rule: Key of the rule in ``[safety]``.
+        then: Reaction; one of `REACTIONS`.
+        text: Description, with numbers and units.
     """
 
     rule: str
@@ -27,13 +27,13 @@ class Alarm(NamedTuple):
 
 
 class Supervisor:
-    """Watches one agent.
+    """Supervisor of one agent.
 
-    An alarm is new when the same rule gave none at the last look; only new ones are worth a line in the log.
+    An alarm is new when the same rule gave none at the last check of the same name; only new alarms are logged.
 
     Args:
-        rules: Of the fleet file.
-        arena: Where the agent may be; None: anywhere.
+        rules: Table ``[safety]`` of the fleet file.
+        arena: Bounds of the position; None: none.
         sample_time: t_s, s.
     """
 
@@ -42,10 +42,10 @@ class Supervisor:
         self._arena = arena
         self._sample_time = sample_time
         self._late = 0
-        self._sounding: dict[str, set[str]] = {}  # look -> rules that gave alarm then
+        self._sounding: dict[str, set[str]] = {}  # check -> rules that gave an alarm at the last one
 
     def body(self, state: State) -> list[Alarm]:
-        """Look at where the body is, and how fast."""
+        """Check the position and the speed of the body."""
         alarms = []
         if self._arena and (where := _outside(state.position, self._arena)):
             alarms.append(Alarm("geofence", self._rules.geofence, f"outside the arena: {where}"))
@@ -57,7 +57,7 @@ class Supervisor:
         return alarms
 
     def separation(self, state: State, neighbours: Mapping[int, Sequence[float]]) -> list[Alarm]:
-        """Look at how near the neighbours are: id -> position, m, of those who have told."""
+        """Check the distances to the neighbours whose positions are known: id -> position, m."""
         rule = self._rules.separation
         if rule is None:
             return []
@@ -71,7 +71,7 @@ class Supervisor:
         return alarms
 
     def setpoint(self, setpoint: Setpoint, state: State) -> tuple[Setpoint, list[Alarm]]:
-        """The setpoint within its limits, where these say clip, and what there is to say of it."""
+        """Return the setpoint, clipped where the rules say so, and the alarms on it."""
         alarms: list[Alarm] = []
         if setpoint.acceleration is None:
             return setpoint, alarms
@@ -88,7 +88,7 @@ class Supervisor:
         return Setpoint(setpoint.position, velocity, acceleration), alarms
 
     def deadline(self, *, late: bool) -> list[Alarm]:
-        """Count a step that overran, or one that did not."""
+        """Check how many steps in a row overran, this one included."""
         self._late = self._late + 1 if late else 0
         rule = self._rules.missed_deadlines
         if rule is None or self._late < rule.in_a_row:
@@ -96,17 +96,17 @@ class Supervisor:
         return [Alarm("missed_deadlines", rule.then, f"{self._late} steps in a row were late")]
 
     def neighbours(self, lost: Sequence[str]) -> list[Alarm]:
-        """What follows from the loss of neighbours, each told in words."""
+        """Return the alarm on lost neighbours, each described in words."""
         then = self._rules.neighbour_silent.then
         return [Alarm("neighbour_silent", "log" if then == "continue" else then, "; ".join(lost))] if lost else []
 
     def not_finite(self, text: str) -> list[Alarm]:
-        """What follows from a decision or setpoint that is not finite."""
+        """Return the alarm on a decision or setpoint that is not finite."""
         return [Alarm("not_finite", self._rules.not_finite, text)]
 
-    def fresh(self, look: str, alarms: Sequence[Alarm]) -> list[Alarm]:
-        """Those of `alarms` that were not there at the last `look` of this name."""
-        before, self._sounding[look] = self._sounding.get(look, set()), {alarm.rule for alarm in alarms}
+    def fresh(self, name: str, alarms: Sequence[Alarm]) -> list[Alarm]:
+        """Return the alarms of the check `name` whose rules gave none at its last check."""
+        before, self._sounding[name] = self._sounding.get(name, set()), {alarm.rule for alarm in alarms}
         return [alarm for alarm in alarms if alarm.rule not in before]
 
 
@@ -116,7 +116,7 @@ def most_severe(alarms: Sequence[Alarm]) -> Alarm | None:
 
 
 def _outside(position: Array, arena: Arena) -> str:
-    """Which coordinates are outside, in words; empty if none is."""
+    """Describe the coordinates outside the arena; empty if none is."""
     return ", ".join(
         f"{axis} = {value:.2f} m, allowed {low:g} .. {high:g} m"
         for axis, value, low, high in zip("xyz", position, arena.min, arena.max, strict=False)
@@ -125,7 +125,7 @@ def _outside(position: Array, arena: Arena) -> str:
 
 
 def _limited(name: str, unit: str, rule: LimitRule, vector: Array, alarms: list[Alarm]) -> Array:
-    """The vector itself if it is within the limit, or nothing shall be clipped; else one that is."""
+    """Return the vector, clipped if it exceeds the limit and the rule says so; append an alarm if it exceeds it."""
     magnitude = float(np.linalg.norm(vector))
     if not magnitude > rule.max * (1 + 1e-12):
         return vector
@@ -135,6 +135,6 @@ def _limited(name: str, unit: str, rule: LimitRule, vector: Array, alarms: list[
 
 
 def _clip(vector: Array, limit: float) -> Array:
-    """The vector, shortened to the limit where it is longer."""
+    """Return the vector, shortened to the limit if it is longer."""
     magnitude = float(np.linalg.norm(vector))
     return vector * (limit / magnitude) if magnitude > limit else vector

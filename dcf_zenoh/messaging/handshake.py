@@ -1,4 +1,4 @@
-"""The two-way hello by which neighbours know that they can hear each other, and how far their clocks are apart."""
+"""Two-way hello between neighbours: each receives the other's messages, and the offset of their clocks is known."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -10,11 +10,17 @@ from dcf_zenoh.errors import MessageError, NetworkError
 
 
 class Hello(NamedTuple):
-    """A neighbour says that it is there; stamps in ns UTC of the clock that made them.
+    """Hello of a neighbour. Instants in ns UTC of the clock that measured them.
 
-    `echo` and `heard` tell when the last hello from here was sent and when it arrived there; 0 if none has.
-    `incarnation` says which life of the sender in this run this is, and `start` when the fleet's time was 0; 0 if it
-    has not started.
+    Attributes:
+        sender: Id of the neighbour.
+        fingerprint: Hash of its fleet file, plug-ins and version.
+        sent: When it was sent, by the sender's clock.
+        echo: When the last hello to the sender was sent, by the receiver's clock; 0 if the sender has had none.
+        heard: When that one arrived there, by the sender's clock; 0 if the sender has had none.
+        at: When this hello arrived, by the receiver's clock.
+        incarnation: Number of restarts of the sender in this run.
+        start: When fleet time was 0, by the sender's clock; 0 if it has not started.
     """
 
     sender: int
@@ -28,10 +34,10 @@ class Hello(NamedTuple):
 
     @classmethod
     def read(cls, data: bytes, neighbour: int, at: int) -> "Hello":
-        """Read what arrived from `neighbour` at the instant `at`.
+        """Decode a hello that arrived from `neighbour` at the instant `at`, ns UTC.
 
         Raises:
-            MessageError: It is no hello, or not its.
+            MessageError: `data` is no hello, or not one of `neighbour`.
         """
         try:
             fields = msgpack.unpackb(data)
@@ -47,9 +53,13 @@ class Hello(NamedTuple):
 
 @dataclass(frozen=True)
 class ClockOffset:
-    """How far a neighbour's clock is ahead of this one, in ns, and the largest error of that number.
+    """Offset of a neighbour's clock.
 
     Source: the four-stamp method of NTP (RFC 5905, section 8); the error is half the round trip.
+
+    Attributes:
+        ahead: How far the neighbour's clock is ahead of this one, ns.
+        error: Largest error of that number, ns.
     """
 
     ahead: int
@@ -57,32 +67,32 @@ class ClockOffset:
 
     @property
     def significant(self) -> int:
-        """`ahead` if that is more than the error of its measurement, else 0."""
+        """`ahead` if it is larger than the error of its measurement, else 0."""
         return self.ahead if abs(self.ahead) > self.error else 0
 
     @classmethod
     def of(cls, hello: Hello) -> "ClockOffset":
-        """From a hello that answers one from here."""
+        """Compute the offset from a hello that answers an earlier one."""
         ahead = (hello.heard - hello.echo) + (hello.sent - hello.at)
         trip = (hello.at - hello.echo) - (hello.sent - hello.heard)
         return cls(ahead // 2, max(0, trip) // 2)
 
 
 class Handshake:
-    """One agent's part in meeting its neighbours. It does no I/O.
+    """Handshake of one agent with its neighbours. It does no I/O.
 
-    A neighbour is met when it has answered a hello from here. An agent declares its subscriptions before its first
-    hello, so an answer shows that the neighbour knows them and that the neighbour's own are known here.
+    The handshake with a neighbour is complete when the neighbour has answered a hello. An agent declares its
+    subscriptions before its first hello, so an answer shows that each knows the subscriptions of the other.
 
     Args:
         agent: Id of this agent.
-        neighbours: All it is linked with, in either direction.
-        fingerprint: Of the fleet file and the plug-ins; all must have the same.
-        incarnation: Which life of this agent in this run this is.
+        neighbours: Its neighbours, over links in either direction.
+        fingerprint: Hash of fleet file, plug-ins and version; it must be the same at every agent.
+        incarnation: Number of restarts of this agent in this run.
 
     Attributes:
         offsets: Neighbour -> clock offset, the most certain one so far.
-        start: When the fleet's time was 0, ns UTC of this machine; 0 while that is not known.
+        start: When fleet time was 0, ns UTC of this machine; 0 while that is not known.
     """
 
     def __init__(self, agent: int, neighbours: Iterable[int], fingerprint: str, incarnation: int = 0) -> None:
@@ -91,34 +101,34 @@ class Handshake:
         self._incarnation = incarnation
         self._agent = agent
         self._fingerprint = fingerprint
-        self._waiting = set(neighbours)
+        self._unanswered = set(neighbours)
         self._silent = set(neighbours)
         self._last: dict[int, Hello] = {}
 
     @property
-    def over(self) -> bool:
-        """Whether all neighbours have been met."""
-        return not self._waiting
+    def complete(self) -> bool:
+        """Whether all neighbours have answered."""
+        return not self._unanswered
 
     @property
-    def plight(self) -> str:
-        """Who has not been met, and how far it came."""
-        unmet = {"nothing heard of": self._silent, "no answer from": self._waiting - self._silent}
+    def status(self) -> str:
+        """Neighbours that are missing, and how far the handshake with them has come, for error texts."""
+        missing = {"nothing heard of": self._silent, "no answer from": self._unanswered - self._silent}
         return ", ".join(
-            f"{what} agent{'s' * (len(who) > 1)} {', '.join(map(str, sorted(who)))}"
-            for what, who in unmet.items()
-            if who
+            f"{what} agent{'s' * (len(ids) > 1)} {', '.join(map(str, sorted(ids)))}"
+            for what, ids in missing.items()
+            if ids
         )
 
-    def say(self, to: int, now: int) -> bytes:
-        """The hello for a neighbour, sent at `now`, ns UTC."""
-        heard = self._last.get(to)
-        echo = (heard.sent, heard.at) if heard else (0, 0)
+    def hello(self, to: int, now: int) -> bytes:
+        """Return the hello for a neighbour, sent at `now`, ns UTC."""
+        last = self._last.get(to)
+        echo = (last.sent, last.at) if last else (0, 0)
         data: bytes = msgpack.packb((self._agent, self._fingerprint, now, *echo, self._incarnation, self.start))
         return data
 
-    def hear(self, hello: Hello) -> bool:
-        """Take in a hello; whether it is the first of its sender, who then needs an answer at once.
+    def receive(self, hello: Hello) -> bool:
+        """Take in a hello; return whether it is the first of its sender, which then needs an answer at once.
 
         Raises:
             NetworkError: The sender runs another fleet.
@@ -132,16 +142,16 @@ class Handshake:
         self._silent.discard(hello.sender)
         self._last[hello.sender] = hello
         if hello.echo:
-            self._waiting.discard(hello.sender)
-            offset, known = ClockOffset.of(hello), self.offsets.get(hello.sender)
-            if known is None or offset.error < known.error:
+            self._unanswered.discard(hello.sender)
+            offset, best = ClockOffset.of(hello), self.offsets.get(hello.sender)
+            if best is None or offset.error < best.error:
                 self.offsets[hello.sender] = offset
             if hello.start and not self.start:
                 self.start = hello.start - offset.significant
         return first
 
-    def lose(self, neighbour: int) -> None:
-        """A neighbour is gone; if it comes back, it has to answer again."""
-        self._waiting.add(neighbour)
+    def forget(self, neighbour: int) -> None:
+        """Forget a neighbour that is gone: if it comes back, the handshake with it begins anew."""
+        self._unanswered.add(neighbour)
         self._silent.add(neighbour)
         self._last.pop(neighbour, None)

@@ -1,12 +1,12 @@
-"""One agent on the network: a Zenoh session, its keys, readiness and liveliness.
+"""Zenoh session of one agent: its keys, handshake and liveliness.
 
-Messages wait in Zenoh, in one channel per in-neighbour, until the agent reads them; everything else that happens
+Messages wait in Zenoh, in one channel per in-neighbour, until the agent reads them. Everything else that happens
 becomes an event in a queue. Keys, below ``dcf/<fleet>/<run>``:
 
-- ``from/<sender>/to/<receiver>``: messages; what all out-neighbours get is published once, on ``from/<sender>/to/*``;
-- ``hello/<from>/to/<to>``: readiness, both ways on every link, also on directed ones;
+- ``from/<sender>/to/<receiver>``: messages; one to all out-neighbours is published once, on ``from/<sender>/to/*``;
+- ``hello/<from>/to/<to>``: hellos of the handshake, both ways on every link, also on directed ones;
 - ``alive/<agent>``: liveliness tokens;
-- ``control/<agent>``: what operators ask of an agent, as queries.
+- ``control/<agent>``: requests of operators, as queries.
 
 An agent subscribes to its in-neighbours only and publishes under its own id only.
 """
@@ -33,31 +33,31 @@ from dcf_zenoh.messaging.handshake import ClockOffset, Handshake, Hello
 from dcf_zenoh.messaging.waker import Waker
 
 HELLO_PERIOD = 0.02  # s between hellos to a neighbour that has not answered
-LATECOMERS = 1.0  # s that an agent which was started again gives its other neighbours after the first has answered
-CHANNEL_SIZE = 4096  # messages of one neighbour that can wait; a full channel holds the sender up
-WAKE = os.urandom(16)  # what a channel delivers in place of a message when it is time to wake up
-# Two runtime threads for what would be five: fewer hand-overs between sending and receiving (docs/performance.md). With
-# one alone, a link that is given up while something is unsent (TCP lingers for 10 s) would hold all others up.
+REJOIN_WAIT = 1.0  # s that a restarted agent waits for further neighbours after the first has answered
+CHANNEL_SIZE = 4096  # messages of one neighbour that can wait; a full channel blocks the sender
+WAKE = os.urandom(16)  # payload that wakes up a thread which waits for a message
+# Two runtime threads in place of five: fewer hand-overs between sending and receiving (docs/performance.md). With a
+# single one, a link that is given up with unsent data (TCP lingers for 10 s) would block all others.
 os.environ.setdefault(
     "ZENOH_RUNTIME", "(app: (worker_threads: 2), rx: (handover: app), net: (handover: app), acc: (handover: app))"
 )
 
 
 class Refused(NamedTuple):
-    """Bytes on one of our keys that are no message, and why."""
+    """Bytes on one of the agent's keys that are not a message, and why."""
 
     key: str
     reason: str
 
 
 class Lost(NamedTuple):
-    """A neighbour's liveliness token is gone."""
+    """The liveliness token of a neighbour is gone."""
 
     agent: int
 
 
 class Stop(NamedTuple):
-    """Somebody wants this agent to end."""
+    """The agent has to end."""
 
     reason: str
 
@@ -67,7 +67,7 @@ class Agreed(NamedTuple):
 
 
 class Command(NamedTuple):
-    """An operator wants something of this agent, and waits for the answer."""
+    """Request of an operator, which waits for the answer."""
 
     request: bytes
     reply: Callable[[bytes], None]
@@ -78,30 +78,30 @@ Event: TypeAlias = Refused | Lost | Hello | Stop | Agreed | Command
 
 @dataclass(frozen=True)
 class Address:
-    """Where an agent is on the network.
+    """Address of an agent on the network.
 
     Attributes:
         prefix: Start of all keys, ``dcf/<fleet>/<run>``.
-        listen: Endpoint this agent listens on; empty: nobody connects to it.
-        connect: Endpoints it connects to.
-        settings: Zenoh configuration keys as paths, with their values; they go over our own.
-        patience: So long, in s, sending may wait for room on the way to one neighbour; then that link is given up.
+        listen: Endpoint on which the agent listens; empty: no other agent connects to it.
+        connect: Endpoints to which it connects.
+        settings: Zenoh configuration keys as paths, with their values; they override those set here.
+        send_timeout: Longest wait for room on the way to one neighbour, s; then that link is given up.
     """
 
     prefix: str
     listen: str
     connect: tuple[str, ...]
     settings: Mapping[str, Any]
-    patience: float = 5.0
+    send_timeout: float = 5.0
 
     def config(self) -> zenoh.Config:
-        """The session's configuration: direct links by explicit endpoints, no scouting of any kind.
+        """Return the session's configuration: direct links by explicit endpoints, no scouting of any kind.
 
         Raises:
-            NetworkError: Zenoh does not take one of the settings.
+            NetworkError: Zenoh does not accept one of the settings.
         """
         config = zenoh.Config()
-        ours: dict[str, Any] = {
+        defaults: dict[str, Any] = {
             "mode": "peer",
             "listen/endpoints": [self.listen] if self.listen else [],
             "connect/endpoints": list(self.connect),
@@ -109,19 +109,19 @@ class Address:
             "open/return_conditions": {"connect_scouted": False, "declares": False},
             "scouting/multicast/enabled": False,
             "scouting/gossip/enabled": False,
-            "transport/link/tx/queue/congestion_control/block/wait_before_close": round(self.patience * 1e6),
-            "transport/shared_memory/enabled": False,  # whoever is killed would leave a file in /dev/shm
+            "transport/link/tx/queue/congestion_control/block/wait_before_close": round(self.send_timeout * 1e6),
+            "transport/shared_memory/enabled": False,  # a killed process would leave a file in /dev/shm
         }
-        for key, value in {**ours, **self.settings}.items():
+        for key, value in {**defaults, **self.settings}.items():
             _set(config, key, value)
         return config
 
 
 def check_settings(settings: Mapping[str, Any]) -> None:
-    """Try the settings of a fleet file on a configuration of their own.
+    """Check the settings of a fleet file against a configuration of Zenoh.
 
     Raises:
-        NetworkError: Zenoh does not take one of them.
+        NetworkError: Zenoh does not accept one of them.
     """
     config = zenoh.Config()
     for key, value in settings.items():
@@ -136,36 +136,36 @@ def _set(config: zenoh.Config, key: str, value: Any) -> None:
 
 
 def _plain(error: Exception) -> str:
-    """What Zenoh says, without the places in its source."""
+    """Return the text of an error of Zenoh, without the places in its source."""
     return re.sub(r"\s*\bat \S+\.rs:\d+\.?|[\[\]]", "", str(error)).strip(" .")
 
 
 class Network:
-    """The open session of one agent, read and written by one thread. Use it in a ``with`` statement.
+    """Open session of one agent, read and written by one thread. Use it in a ``with`` statement.
 
     Args:
         agent: Id of this agent.
-        hood: Whom it hears and who hears it.
+        neighbourhood: Its neighbours.
         address: Keys and endpoints.
-        urgent: Sees what operators ask for at once, in a thread of Zenoh's: it must neither wait nor publish.
+        urgent: Called with every operator's request at once, in a thread of Zenoh: it must neither wait nor publish.
 
     Raises:
-        NetworkError: The endpoint is taken or malformed, or a setting is not Zenoh's.
+        NetworkError: The endpoint is in use or malformed, or Zenoh does not accept a setting.
     """
 
     def __init__(
         self,
         agent: int,
-        hood: Neighbourhood,
+        neighbourhood: Neighbourhood,
         address: Address,
         urgent: Callable[[bytes], None] = lambda _request: None,
     ) -> None:
         self._agent = agent
-        self._linked = sorted({*hood.receives_from, *hood.sends_to})
+        self._linked = sorted({*neighbourhood.receives_from, *neighbourhood.sends_to})
         self._prefix = address.prefix
         self._urgent = urgent
         self._events: SimpleQueue[Event] = SimpleQueue()
-        self._meeting: Handshake | None = None
+        self._handshake: Handshake | None = None
         config = address.config()
         try:
             self._session = zenoh.open(config)
@@ -175,15 +175,15 @@ class Network:
                 f" {_plain(error)}"
             ) from error
         self._waker = Waker(self._wake)
-        self._keys = {j: f"{self._prefix}/from/{j}/to/{agent}" for j in hood.receives_from}
+        self._keys = {j: f"{self._prefix}/from/{j}/to/{agent}" for j in neighbourhood.receives_from}
         self._channels = {
             j: self._session.declare_subscriber(key, FifoChannel(CHANNEL_SIZE)) for j, key in self._keys.items()
         }
         self._publisher = self._declare_publisher("*")
-        self._edges = {j: self._declare_publisher(str(j)) for j in hood.sends_to}
-        for j in self._linked:  # last, so that whoever can reach our hello key knows the others too
+        self._edges = {j: self._declare_publisher(str(j)) for j in neighbourhood.sends_to}
+        for j in self._linked:  # last: a neighbour that knows the hello key then knows the other keys, too
             self._watch(j)
-        self._session.declare_queryable(f"{self._prefix}/control/{agent}", self._command)
+        self._session.declare_queryable(f"{self._prefix}/control/{agent}", self._on_query)
         self._token = self._session.liveliness().declare_token(f"{self._prefix}/alive/{agent}")
 
     def __enter__(self) -> Self:
@@ -195,7 +195,9 @@ class Network:
         self._waker.close()
         for channel in self._channels.values():  # a session with a full channel does not close
             channel.undeclare()  # type: ignore[no-untyped-call]
-        with suppress(zenoh.ZError):  # who is frozen does not take what was sent last, and the session is gone anyway
+        with suppress(
+            zenoh.ZError
+        ):  # a frozen neighbour does not take the last messages; the session ends all the same
             self._session.close()  # type: ignore[no-untyped-call]
 
     def publish(self, message: Message, receiver: int | None = None, sent: int | None = None) -> None:
@@ -204,10 +206,10 @@ class Network:
         publisher.put(encode(message, sent))
 
     def receive(self, sender: int, deadline: float) -> Message | Refused | None:
-        """Wait for the next message of the in-neighbour `sender`.
+        """Wait for the next message of the in-neighbour `sender`, until `deadline` (monotonic s).
 
         Returns:
-            None at `deadline` (monotonic s), or earlier when there is an event.
+            The message; None at the deadline, or earlier when there is an event.
         """
         channel = self._channels[sender]
         while True:
@@ -226,7 +228,7 @@ class Network:
                 return None
 
     def poll(self, sender: int) -> Message | Refused | None:
-        """The next message of the in-neighbour `sender` if it is here already."""
+        """Return the next message of the in-neighbour `sender`, or None if none has been received."""
         while (sample := self._channels[sender].try_recv()) is not None:
             data = sample.payload.to_bytes()
             if data != WAKE:
@@ -234,83 +236,91 @@ class Network:
         return None
 
     def next_event(self, deadline: float) -> Event | None:
-        """The next event, or None if there is none before `deadline` (monotonic s)."""
+        """Wait for the next event; return None if there is none before `deadline` (monotonic s)."""
         try:
             return self._events.get(timeout=max(0.0, deadline - time.monotonic()))
         except Empty:
             return None
 
     def notify(self, event: Event) -> None:
-        """Tell the agent of `event`, wherever it waits. From any thread, and from signal handlers."""
+        """Queue `event` and wake the agent up. Callable from any thread and from signal handlers."""
         self._events.put(event)
         self._waker.poke()
 
-    def meet(self, fingerprint: str, timeout: float, incarnation: int = 0) -> dict[int, ClockOffset]:
-        """Say hello to all neighbours until each has answered; see `Handshake`.
+    def do_handshake(self, fingerprint: str, timeout: float, incarnation: int = 0) -> dict[int, ClockOffset]:
+        """Do the handshake with all neighbours; see `Handshake`.
 
-        An agent that was started again meets those who are there: it waits `LATECOMERS` for the others.
+        A restarted agent needs one neighbour, and waits `REJOIN_WAIT` for the others.
 
         Args:
-            fingerprint: Of the fleet file and the plug-ins; all must have the same.
-            timeout: In s.
-            incarnation: Which life of this agent in this run this is.
+            fingerprint: Hash of fleet file, plug-ins and version; it must be the same at every agent.
+            timeout: Longest wait, s.
+            incarnation: Number of restarts of this agent in this run.
 
         Returns:
             Neighbour -> clock offset.
 
         Raises:
-            NotReady: Somebody did not answer; the message names them. Or this agent was told to stop.
+            NotReady: A neighbour did not answer; the message names it. Or this agent was told to stop.
             NetworkError: A neighbour runs another fleet.
         """
-        self._meeting = meeting = Handshake(self._agent, self._linked, fingerprint, incarnation)
-        aside: list[Event] = []
+        self._handshake = handshake = Handshake(self._agent, self._linked, fingerprint, incarnation)
+        deferred: list[Event] = []
         deadline, due, enough = time.monotonic() + timeout, 0.0, inf
-        while not meeting.over:
+        while not handshake.complete:
             now = time.monotonic()
-            if incarnation and meeting.offsets:
-                enough = min(enough, now + LATECOMERS)
+            if incarnation and handshake.offsets:
+                enough = min(enough, now + REJOIN_WAIT)
             if now >= enough:
                 break
             if now >= deadline:
-                raise NotReady(f"agent {self._agent}: not ready within {timeout:g} s: {meeting.plight}")
+                raise NotReady(f"agent {self._agent}: not ready within {timeout:g} s: {handshake.status}")
             if now >= due:
                 due = now + HELLO_PERIOD
-                self._greet(self._linked, meeting)
+                self._send_hellos(self._linked, handshake)
             event = self.next_event(min(due, deadline))
             if isinstance(event, Stop):
                 raise NotReady(f"agent {self._agent}: {event.reason} before all neighbours were ready")
             if isinstance(event, Lost):
-                meeting.lose(event.agent)
+                handshake.forget(event.agent)
             elif isinstance(event, Refused | Agreed):
-                aside.append(event)
+                deferred.append(event)
             elif isinstance(event, Command):
-                event.reply(b"")  # not yet
-            elif isinstance(event, Hello) and meeting.hear(event):
-                self._greet([event.sender], meeting)
-        self._greet(self._linked, meeting)
-        for event in aside:
+                event.reply(b"")  # no requests before the start
+            elif isinstance(event, Hello) and handshake.receive(event):
+                self._send_hellos([event.sender], handshake)
+        self._send_hellos(self._linked, handshake)
+        for event in deferred:
             self._events.put(event)
-        return meeting.offsets
+        return handshake.offsets
 
     @property
     def start(self) -> int:
-        """When the fleet's time was 0, ns UTC; 0 while that is not known."""
-        return 0 if self._meeting is None else self._meeting.start
+        """When fleet time was 0, ns UTC; 0 while that is not known."""
+        return 0 if self._handshake is None else self._handshake.start
 
     def started(self, instant: int) -> None:
-        """Tell whoever joins later that the fleet's time was 0 at `instant`, ns UTC."""
-        if self._meeting is not None:
-            self._meeting.start = instant
+        """Note that fleet time was 0 at `instant`, ns UTC, for agents that join later."""
+        if self._handshake is not None:
+            self._handshake.start = instant
 
     def answer(self, hello: Hello) -> None:
-        """Answer a hello that came after the meeting: somebody joins, or has missed the last answer.
+        """Answer a hello that came after the handshake: its sender joins late, or has missed the last answer.
 
         Raises:
             NetworkError: The sender runs another fleet.
         """
-        if self._meeting is not None:
-            self._meeting.hear(hello)
-            self._greet([hello.sender], self._meeting)
+        if self._handshake is not None:
+            self._handshake.receive(hello)
+            self._send_hellos([hello.sender], self._handshake)
+
+    def unanswered(self) -> Iterator[Command]:
+        """Yield the operators' requests that nothing has handled; for the end of the run."""
+        with suppress(Empty):
+            while True:
+                event = self._events.get_nowait()
+                if isinstance(event, Command):
+                    yield event
 
     def _declare_publisher(self, receiver: str) -> zenoh.Publisher:
         return self._session.declare_publisher(
@@ -319,21 +329,13 @@ class Network:
             express=True,
         )
 
-    def unanswered(self) -> Iterator[Command]:
-        """What operators have asked for and nobody has looked at; for the end, when nobody will."""
-        with suppress(Empty):
-            while True:
-                event = self._events.get_nowait()
-                if isinstance(event, Command):
-                    yield event
-
-    def _command(self, query: zenoh.Query) -> None:
+    def _on_query(self, query: zenoh.Query) -> None:
         request = query.payload.to_bytes() if query.payload else b""
         self._urgent(request)
         self.notify(Command(request, lambda answer: query.reply(query.key_expr, answer)))
 
     def _wake(self, sender: int) -> None:
-        """Let the channel of `sender` deliver something."""
+        """Make the channel of `sender` deliver `WAKE`."""
         self._session.put(self._keys[sender], WAKE, allowed_destination=zenoh.Locality.SESSION_LOCAL)
 
     def _read(self, data: bytes, sender: int) -> Message | Refused:
@@ -345,28 +347,30 @@ class Network:
             return Refused(self._keys[sender], f"it claims to come from agent {message.sender}")
         return message
 
-    def _greet(self, neighbours: Iterable[int], meeting: Handshake) -> None:
+    def _send_hellos(self, neighbours: Iterable[int], handshake: Handshake) -> None:
         for j in neighbours:
-            self._session.put(f"{self._prefix}/hello/{self._agent}/to/{j}", meeting.say(j, time.time_ns()))
+            self._session.put(f"{self._prefix}/hello/{self._agent}/to/{j}", handshake.hello(j, time.time_ns()))
 
     def _watch(self, neighbour: int) -> None:
+        """Turn hellos and the liveliness of a neighbour into events."""
         key = f"{self._prefix}/hello/{neighbour}/to/{self._agent}"
 
-        def greet(sample: zenoh.Sample) -> None:
+        def on_hello(sample: zenoh.Sample) -> None:
             at = time.time_ns()
             try:
                 self.notify(Hello.read(sample.payload.to_bytes(), neighbour, at))
             except MessageError as error:
                 self.notify(Refused(key, str(error)))
 
-        def mourn(sample: zenoh.Sample) -> None:
+        def on_liveliness(sample: zenoh.Sample) -> None:
             if sample.kind == zenoh.SampleKind.DELETE:
                 self.notify(Lost(neighbour))
 
-        self._session.declare_subscriber(key, greet)
-        self._session.liveliness().declare_subscriber(f"{self._prefix}/alive/{neighbour}", mourn, history=True)
+        self._session.declare_subscriber(key, on_hello)
+        alive = f"{self._prefix}/alive/{neighbour}"
+        self._session.liveliness().declare_subscriber(alive, on_liveliness, history=True)
 
 
 def endpoints_to_connect(agent: int, linked: Iterable[int], endpoints: Mapping[int, str]) -> tuple[str, ...]:
-    """One link per pair of neighbours: the higher id connects to the lower."""
+    """Return the endpoints to which `agent` connects: of two neighbours the one with the higher id connects."""
     return tuple(endpoints[j] for j in linked if j < agent)

@@ -14,22 +14,22 @@ class Waker:
     that end before their deadline.
 
     Args:
-        wake: Called from another thread to end the blocking call that waits for `target`; it may come too late, so
-            that the next call is woken without need.
+        wake: Called from another thread with the target of the blocking call, to end that call. It may come too late,
+            so that the next call is woken without need.
     """
 
     def __init__(self, wake: Callable[[int], None]) -> None:
         self._wake = wake
-        self._changed = threading.Condition()  # guards _due and _poked; _blocked is the reader's
+        self._changed = threading.Condition()  # guards _due and _poked; _blocked belongs to the caller
         self._blocked: tuple[int, float] | None = None
-        self._due = inf  # when the thread looks at the reader, monotonic s; never later than the reader's deadline
+        self._due = inf  # when the thread looks at _blocked, monotonic s; never later than the caller's deadline
         self._poked = False
         self._closed = False
         self._thread = threading.Thread(target=self._watch, name="waker", daemon=True)
         self._thread.start()
 
     def arm(self, target: int, deadline: float) -> None:
-        """From now on the caller may block on `target`, until `deadline` (monotonic s)."""
+        """Guard a blocking call on `target` that the caller is about to make, until `deadline` (monotonic s)."""
         self._blocked = target, deadline
         if deadline < self._due:
             with self._changed:
@@ -37,11 +37,11 @@ class Waker:
                 self._changed.notify()
 
     def disarm(self) -> None:
-        """The caller does not block any more."""
+        """End the guard: the blocking call is over."""
         self._blocked = None
 
     def poke(self) -> None:
-        """Wake the caller now, if it blocks. From any thread, and from signal handlers."""
+        """Wake the caller now, if it blocks. Callable from any thread and from signal handlers."""
         with self._changed:
             self._poked = True
             self._changed.notify()
@@ -56,7 +56,7 @@ class Waker:
         with self._changed:
             while not self._closed:
                 now, previous = time.monotonic(), self._due
-                self._due = inf  # from here on whoever arms says so, and is let in when this thread waits again
+                self._due = inf  # from here on `arm` takes the lock, which it gets when this thread waits again
                 blocked = self._blocked
                 if blocked is None:
                     self._due = previous if previous > now else inf

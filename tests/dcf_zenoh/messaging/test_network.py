@@ -76,7 +76,7 @@ def met(hears: Mapping[int, list[int]] = LINKS) -> Iterator[tuple[dict[int, Netw
 
 def meet(networks: Mapping[int, Network], timeout: float = 10.0) -> dict[int, dict[int, ClockOffset]]:
     with ThreadPoolExecutor() as pool:
-        found = {i: pool.submit(network.meet, "same", timeout) for i, network in networks.items()}
+        found = {i: pool.submit(network.do_handshake, "same", timeout) for i, network in networks.items()}
         return {i: future.result(timeout + 5.0) for i, future in found.items()}
 
 
@@ -185,10 +185,10 @@ def test_neighbours_meet_and_know_each_others_clocks() -> None:
 def test_who_connects_waits_for_who_listens_to_start() -> None:
     site = Site()
     with site.open(2) as early, ThreadPoolExecutor() as pool:
-        future = pool.submit(early.meet, "same", 10.0)
+        future = pool.submit(early.do_handshake, "same", 10.0)
         assert holds(lambda: not future.done(), 0.3)
         with site.open(1) as late:
-            late.meet("same", 10.0)
+            late.do_handshake("same", 10.0)
             assert list(future.result(10.0)) == [1]
 
 
@@ -196,7 +196,7 @@ def test_who_is_missing_at_the_deadline_is_named() -> None:
     site = Site({1: [2, 3], 2: [1, 3], 3: [1, 2]})
     with site.open(1) as one, site.open(2) as two, ThreadPoolExecutor() as pool:
         began = time.monotonic()
-        found = [pool.submit(network.meet, "same", 0.6) for network in (one, two)]
+        found = [pool.submit(network.do_handshake, "same", 0.6) for network in (one, two)]
         errors = [str(future.exception(10.0)) for future in found]
         assert 0.6 <= time.monotonic() - began < 2.0
         assert [type(future.exception()) for future in found] == [NotReady, NotReady]
@@ -208,14 +208,14 @@ def test_who_is_missing_at_the_deadline_is_named() -> None:
 def test_who_leaves_before_all_are_ready_has_to_come_back() -> None:
     site = Site({1: [2, 3], 2: [1, 3], 3: [1, 2]})
     with site.open(1) as one, ThreadPoolExecutor() as pool:
-        patient = pool.submit(one.meet, "same", 10.0)
+        patient = pool.submit(one.do_handshake, "same", 10.0)
         with site.open(2) as two, pytest.raises(NotReady):
-            two.meet("same", 0.5)
+            two.do_handshake("same", 0.5)
         with site.open(3) as three:
-            other = pool.submit(three.meet, "same", 10.0)
+            other = pool.submit(three.do_handshake, "same", 10.0)
             assert holds(lambda: not patient.done(), 0.3)
             with site.open(2) as two:
-                two.meet("same", 10.0)
+                two.do_handshake("same", 10.0)
                 assert sorted(patient.result(10.0)) == [2, 3]
                 assert sorted(other.result(10.0)) == [1, 2]
 
@@ -223,7 +223,7 @@ def test_who_leaves_before_all_are_ready_has_to_come_back() -> None:
 def test_another_fleet_file_is_refused() -> None:
     site = Site()
     with site.open(1) as one, site.open(2) as two, ThreadPoolExecutor() as pool:
-        found = pool.submit(one.meet, "abc", 10.0), pool.submit(two.meet, "xyz", 10.0)
+        found = pool.submit(one.do_handshake, "abc", 10.0), pool.submit(two.do_handshake, "xyz", 10.0)
         errors = [future.exception(10.0) for future in found]
     assert str(errors[0]) == (
         "agent 1: agent 2 runs another fleet file, other plug-ins or another version: fingerprint xyz, expected abc"
@@ -234,7 +234,7 @@ def test_another_fleet_file_is_refused() -> None:
 def test_a_stop_ends_the_wait_for_neighbours() -> None:
     site = Site()
     with site.open(1) as one, ThreadPoolExecutor() as pool:
-        future = pool.submit(one.meet, "same", 10.0)
+        future = pool.submit(one.do_handshake, "same", 10.0)
         one.notify(Stop("stopped by SIGTERM"))
         assert str(future.exception(2.0)) == "agent 1: stopped by SIGTERM before all neighbours were ready"
 
@@ -391,12 +391,12 @@ def test_what_is_no_message_is_refused_and_changes_nothing() -> None:
 def test_refused_hellos_before_the_start_are_told_after_it() -> None:
     site = Site()
     with site.open(1) as one, bare_session(site.endpoints[1]) as stranger, ThreadPoolExecutor() as pool:
-        future = pool.submit(one.meet, "same", 20.0)
+        future = pool.submit(one.do_handshake, "same", 20.0)
         key = f"{PREFIX}/hello/2/to/1"
         knock(stranger, key)
         stranger.put(key, b"no hello")
         with site.open(2) as two:
-            two.meet("same", 10.0)
+            two.do_handshake("same", 10.0)
             future.result(10.0)
         assert str(getattr(event_of(one, Refused), "reason", "")).startswith("not a hello")
 
