@@ -6,7 +6,7 @@ import numpy as np
 
 from dcf_zenoh.plant import Array, read_only
 from plants.crazyflie.emulator.setpoints import FirmwareSetpoint
-from plants.crazyflie.model.cascade import POSITION_EVERY, TICK, Cascade
+from plants.crazyflie.model.cascade import POSITION_EVERY, TICK, Cascade, CascadeSetpoint
 from plants.crazyflie.model.dynamics import STATES, roll_pitch_yaw
 from plants.crazyflie.model.stepping import fly
 from plants.crazyflie.model.vehicle import COMMAND_MAX, Vehicle
@@ -108,8 +108,7 @@ class Body:
             self._cascade,
             self.tick,
             ticks,
-            setpoint.mode,
-            np.array(setpoint.values),
+            CascadeSetpoint(setpoint.mode, np.array(setpoint.values)),
             estimate,
             CALM,
             self._vehicle,

@@ -55,6 +55,18 @@ THRUST_BASE, THRUST_SCALE, THRUST_MIN, COMMAND_MAX = 36000.0, 1000.0, 20000.0, 6
 SHORT_MAX = 32767.0  # outputs of the rate loops are 16-bit numbers
 
 
+class CascadeSetpoint(NamedTuple):
+    """Setpoint of the cascade.
+
+    Attributes:
+        mode: Mode, from STOPPED to TILT_THRUST.
+        values: Three values and a heading or yaw rate, see the modes, shape (4,).
+    """
+
+    mode: int
+    values: Array
+
+
 class Cascade(NamedTuple):
     """State of the cascade; `update` changes it in place.
 
@@ -100,8 +112,7 @@ class Cascade(NamedTuple):
 def update(
     cascade: Cascade,
     tick: int,
-    mode: int,
-    setpoint: Array,
+    command: CascadeSetpoint,
     position: Array,
     velocity: Array,
     angles: tuple[float, float, float],
@@ -112,13 +123,13 @@ def update(
     Args:
         cascade: State of the cascade; it changes.
         tick: Number of the tick; it determines which loops run.
-        mode: Mode of the setpoint, from STOPPED to TILT_THRUST.
-        setpoint: Three values and a heading or yaw rate, see the modes, shape (4,).
+        command: Setpoint to follow.
         position: Estimated position, m, world, shape (3,).
         velocity: Estimated velocity, m/s, world, shape (3,).
         angles: Estimated roll, pitch (positive nose down), yaw, rad.
         rates: Measured turn rates, rad/s, body, shape (3,).
     """
+    mode, setpoint = command.mode, command.values
     roll, pitch, yaw = math.degrees(angles[0]), math.degrees(angles[1]), math.degrees(angles[2])
     if mode != cascade.mode[0]:
         reset(cascade, position, roll, pitch, yaw)

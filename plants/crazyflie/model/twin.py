@@ -6,7 +6,16 @@ import numpy as np
 
 from dcf_zenoh.errors import PlantError
 from dcf_zenoh.plant import Array
-from plants.crazyflie.model.cascade import HOVER, POSITION, POSITION_EVERY, STOPPED, TICK, VELOCITY, Cascade
+from plants.crazyflie.model.cascade import (
+    HOVER,
+    POSITION,
+    POSITION_EVERY,
+    STOPPED,
+    TICK,
+    VELOCITY,
+    Cascade,
+    CascadeSetpoint,
+)
 from plants.crazyflie.model.dynamics import STATES, roll_pitch_yaw
 from plants.crazyflie.model.stepping import fly
 from plants.crazyflie.model.vehicle import Vehicle
@@ -58,7 +67,7 @@ class Twin:
         self.state[:3] = position
         self.state[6] = 1.0
         self._cascade = Cascade.fresh()
-        self._mode, self._setpoint = STOPPED, np.zeros(4)
+        self._setpoint = CascadeSetpoint(STOPPED, np.zeros(4))
         self._point: tuple[float, float, float] | None = None  # point to hold
         if velocity is not None:
             self.state[7:10] = velocity
@@ -84,7 +93,7 @@ class Twin:
 
     def command(self, mode: int, setpoint: tuple[float, float, float, float]) -> None:
         """Follow a setpoint from the next tick on; see the modes of `cascade`."""
-        self._mode, self._setpoint, self._point = mode, np.array(setpoint), None
+        self._setpoint, self._point = CascadeSetpoint(mode, np.array(setpoint)), None
 
     def hover(self, velocity: tuple[float, float], height: float) -> None:
         """Follow a horizontal `velocity`, in m/s, world frame, at a `height`, in m; keep the heading."""
@@ -128,7 +137,6 @@ class Twin:
                 self._cascade,
                 self.tick,
                 count,
-                self._mode,
                 self._setpoint,
                 self._estimate,
                 self._wind.velocity,

@@ -18,6 +18,7 @@ from plants.crazyflie.model.cascade import (
     VZ,
     YAW,
     Cascade,
+    CascadeSetpoint,
     update,
 )
 from plants.crazyflie.model.dynamics import STATES
@@ -42,9 +43,8 @@ class Flight:
         while self.tick < tick:
             count = min(10 - self.tick % 10, tick - self.tick)
             known = np.concatenate((self.state[:3], self.state[7:10]))
-            self.state = fly(
-                self.state, self.cascade, self.tick, count, mode, np.array(setpoint), known, CALM, self.vehicle
-            )
+            command = CascadeSetpoint(mode, np.array(setpoint))
+            self.state = fly(self.state, self.cascade, self.tick, count, command, known, CALM, self.vehicle)
             self.tick += count
         return self.state
 
@@ -57,7 +57,7 @@ def hovering() -> Flight:
 def tick_once(cascade: Cascade, mode: int, setpoint: list[float], *, rates: list[float] | None = None) -> Array:
     """Motor commands of one tick in which all loops are due, level and at rest at the origin."""
     turning = np.zeros(3) if rates is None else np.array(rates)
-    update(cascade, 0, mode, np.array(setpoint), np.zeros(3), np.zeros(3), (0.0, 0.0, 0.0), turning)
+    update(cascade, 0, CascadeSetpoint(mode, np.array(setpoint)), np.zeros(3), np.zeros(3), (0.0, 0.0, 0.0), turning)
     return cascade.motors
 
 
