@@ -1,4 +1,4 @@
-"""Fleet files: read, check, write out complete, freeze."""
+"""Fleet files: read and check them, write them out complete, freeze them for a run."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -31,15 +31,15 @@ def load(
 
     Plug-ins in use are imported, their signatures checked and their defaults filled in. The topology, the faults, and
     built-in problems and plants are constructed, to see what they refuse; nothing else is. Files that `overrides` and
-    `changes` name are looked for in the working directory, then beside the fleet file.
+    `changes` name are looked for in the working directory, then next to the fleet file.
 
     Args:
         source: A path, or the name of a built-in fleet.
         overrides: Choices that replace those of the file.
         changes: Changes of single keys, ``key.path=value``, applied in order after `overrides`.
-        run_plugins: Import plug-ins that are not part of dcf-zenoh. Without it, only what their text tells is checked,
-            and their defaults are not filled in.
-        unused: Check the algorithms and plants, too, that no agent uses, which imports those of dcf-zenoh.
+        run_plugins: Import plug-ins that are not part of dcf-zenoh. Without it, only the keys found in the text of
+            their files are checked, and their defaults are not filled in.
+        unused: Also check algorithms and plants that no agent uses, which imports those of dcf-zenoh.
 
     Raises:
         ConfigurationError: The file is not usable; the error has all problems, one line each.
@@ -59,7 +59,7 @@ def load(
 
 
 def graph_of(fleet: LoadedFleet) -> Graph:
-    """Who hears whom.
+    """Return the communication graph of a fleet.
 
     Raises:
         PluginError: The topology cannot be loaded, or refuses its options.

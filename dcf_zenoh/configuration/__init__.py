@@ -1,1 +1,1 @@
-"""What stands between a fleet file and `dcf_zenoh.config.load`."""
+"""Reading of fleet files, checks, and construction of the parts of a fleet; used through `dcf_zenoh.config`."""

@@ -1,4 +1,4 @@
-"""What comes of reading a fleet file."""
+"""The result of reading a fleet file."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,13 +8,13 @@ from dcf_zenoh.spec import FleetSpec
 
 @dataclass(frozen=True)
 class LoadedFleet:
-    """A fleet file, checked.
+    """A checked fleet file.
 
     Attributes:
-        spec: The fleet.
-        folder: What the paths of plug-ins are relative to.
-        source: The file.
-        notes: What the user should know, one line each.
+        spec: Specification of the fleet.
+        folder: Folder that paths of plug-ins are relative to.
+        source: Path of the file, for messages.
+        notes: Remarks for the user about what is permitted but may surprise, one line each.
     """
 
     spec: FleetSpec

@@ -1,4 +1,4 @@
-"""A fleet on disk, with all that a run of it needs to be repeated."""
+"""Copy of a fleet in its run directory, with everything that is needed to repeat the run."""
 
 import hashlib
 import importlib.util
@@ -20,14 +20,14 @@ from dcf_zenoh.plugins import load, split
 
 
 def freeze(fleet: LoadedFleet, run_directory: Path) -> LoadedFleet:
-    """Write into `run_directory` all that a run needs to be repeated: the fleet file, and the files it names.
+    """Write into `run_directory` everything that is needed to repeat a run: the fleet file, and the files it names.
 
     Writes ``fleet.toml``, with all defaults; ``plugins/*.py`` and ``profiles/*``, copies of plug-ins and of files that
-    faults read, which it refers to; and ``plugins.json``, the SHA-256 of each copy, and by its name of the source of
-    each plug-in that is a module.
+    faults read, which the fleet file then refers to; and ``plugins.json``, the SHA-256 of each copy, and of the source
+    of each plug-in that is a module, by its name.
 
     Returns:
-        The frozen fleet, not checked again.
+        The frozen fleet, which is not checked again.
 
     Raises:
         PluginError: The file of a plug-in cannot be read.
@@ -44,13 +44,13 @@ def freeze(fleet: LoadedFleet, run_directory: Path) -> LoadedFleet:
 
 
 def _write_all(fleet: LoadedFleet, run_directory: Path) -> Path:
-    """Write everything; the fleet file."""
+    """Write all files; return the path of the fleet file."""
     table = table_of(fleet.spec)
     copies: dict[Path, str] = {}
     digests: dict[str, str] = {}
 
     def copy(file: str, to: str, owner: str) -> str:
-        """Copy a file, once; the name of the copy."""
+        """Copy a file, once; return the name of the copy."""
         path = (fleet.folder / file).resolve()
         if path not in copies:
             copies[path] = name = _free_name(f"{to}/{path.name}", copies.values())
@@ -73,7 +73,7 @@ def _write_all(fleet: LoadedFleet, run_directory: Path) -> Path:
 
 
 def _write(file: Path, content: bytes) -> None:
-    """Write a file in one step: agents of a fleet that share a directory may do so at the same time."""
+    """Write a file in one step: several agents may write the same file at the same time."""
     file.parent.mkdir(parents=True, exist_ok=True)
     temporary = file.with_name(f".{file.name}.{os.getpid()}")
     temporary.write_bytes(content)
@@ -81,21 +81,21 @@ def _write(file: Path, content: bytes) -> None:
 
 
 def _kinds(table: dict[str, Any]) -> Iterator[dict[str, Any]]:
-    """All tables that choose a plug-in."""
+    """Yield all tables that choose a plug-in, but those of faults."""
     yield from (table[key] for key in ("topology", "problem", "algorithm", "controller") if key in table)
     for family in ("algorithms", "plants"):
         yield from table.get(family, {}).values()
 
 
 def _faults(table: dict[str, Any]) -> Iterator[dict[str, Any]]:
-    """The tables of all faults."""
+    """Yield the tables of all faults."""
     faults = table.get("faults", {})
     for owner in (faults, *faults.get("rule", ())):
         yield from (each for key, each in owner.items() if key not in ("rule", *RULE_KEYS) and each)
 
 
 def _free_name(name: str, taken: Iterable[str]) -> str:
-    """``plugins/STEM.py``, or ``plugins/STEM_2.py`` and so on where that is taken."""
+    """Return `name`, or with ``_2``, ``_3`` and so on after its stem if it is taken."""
     names: Sequence[str] = list(taken)
     path, number = PurePosixPath(name), 1
     while name in names:
@@ -115,7 +115,7 @@ def _copy(path: Path, to: Path, kind: str) -> str:
 
 
 def _source_of(module: str) -> Path | None:
-    """The file of an importable module; None if it has none."""
+    """Return the file of an importable module; None if it has none."""
     loaded = sys.modules.get(module)
     try:
         spec = loaded.__spec__ if loaded else importlib.util.find_spec(module)

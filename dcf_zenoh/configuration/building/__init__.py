@@ -1,1 +1,1 @@
-"""From a specification to graphs, problems, plants and chains of faults."""
+"""Construction of graphs, problems, plants and fault chains from a specification."""

@@ -1,4 +1,4 @@
-"""From the faults of a fleet file to those of its links."""
+"""Fault chains of the links of a fleet, and properties of all its faults."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -18,13 +18,13 @@ MARGIN_WITH_LOSS = 3  # rounds
 
 
 def links_to(spec: FleetSpec, folder: Path, graph: Graph, receiver: int) -> dict[int, FaultChain]:
-    """The links to one agent that have any fault, by sender.
+    """Return the fault chains of the links to one agent, by sender; links without faults are left out.
 
     Args:
-        spec: The fleet.
-        folder: What the paths of plug-ins and files are relative to.
-        graph: Who hears whom.
-        receiver: Id.
+        spec: Specification of the fleet.
+        folder: Folder that paths of plug-ins and files are relative to.
+        graph: Communication graph.
+        receiver: Id of the receiving agent.
 
     Raises:
         PluginError: A fault cannot be loaded, or refuses its options.
@@ -54,10 +54,10 @@ def fault_of(name: str, fault: Switch, sender: int, receiver: int, folder: Path)
         fault: Its table, in which a bare `value` stands for the first key, as in a fleet file.
         sender: Id of the sending agent.
         receiver: Id of the receiving agent.
-        folder: What the paths of plug-ins and files are relative to.
+        folder: Folder that paths of plug-ins and files are relative to.
 
     Raises:
-        PluginError: It cannot be loaded, or refuses its options.
+        PluginError: The fault cannot be loaded, or refuses its options.
     """
     if not fault:
         return None
@@ -66,12 +66,12 @@ def fault_of(name: str, fault: Switch, sender: int, receiver: int, folder: Path)
 
 
 def window_of(rule: FaultRule) -> tuple[float, float]:
-    """Begin and end of the instants at which messages enter the link, in ns."""
+    """Return begin and end of the instants at which a rule acts on entering messages, in ns."""
     return ALWAYS if rule.during is None else (nanoseconds(rule.during[0]), nanoseconds(rule.during[1]))
 
 
 def can_lose(spec: FleetSpec, folder: Path) -> bool:
-    """Whether messages can get lost: by a fault of a link, or because an agent is not there to send them.
+    """Return whether messages can get lost: by a fault of a link, or by a crash or pause of their sender.
 
     Raises:
         PluginError: A fault cannot be loaded.
@@ -81,7 +81,7 @@ def can_lose(spec: FleetSpec, folder: Path) -> bool:
 
 
 def needs_positions(spec: FleetSpec, folder: Path) -> bool:
-    """Whether any fault has to know where agents are.
+    """Return whether any fault needs the positions of agents.
 
     Raises:
         PluginError: A fault cannot be loaded.
@@ -90,10 +90,11 @@ def needs_positions(spec: FleetSpec, folder: Path) -> bool:
 
 
 def margin_of(spec: FleetSpec, folder: Path) -> int:
-    """Rounds between announcing the end of a step and leaving it: what the file says, or what loss asks for.
+    """Return the number of rounds between announcing the end of a step and leaving it.
 
-    Where rounds time out, what is late is lost for its round: by any fault of a link, by computing that takes long, and
-    on the wall clock always.
+    It is the value of the file. Without one it is `MARGIN_WITH_LOSS` if messages can get lost or be too late for their
+    round, else 0; in asynchronous mode it is 0. With a time-out of rounds, messages can be too late because of any
+    fault of a link or an agent, of computation time, and always on the wall clock.
 
     Raises:
         PluginError: A fault cannot be loaded.
@@ -117,11 +118,11 @@ class Recipe:
     """A fault of a fleet file, to be made for any number of links.
 
     Attributes:
-        name: Of the fault, for messages.
-        plugin: What makes it.
-        values: Of its keys.
-        folder: What the paths of files are relative to.
-        asked: Names of what it wants to know of the link.
+        name: Name of the fault, for messages.
+        plugin: Class or function that makes the fault.
+        values: Values of its keyword-only arguments.
+        folder: Folder that paths of files are relative to.
+        asked: Names of its positional arguments.
     """
 
     name: str
@@ -135,7 +136,7 @@ class Recipe:
         """Load the plug-in and convert the keys.
 
         Raises:
-            PluginError: It cannot be loaded, or the keys do not fit.
+            PluginError: The plug-in cannot be loaded, or its keys do not fit.
         """
         plugin = load("faults", table.kind, folder)
         values, errors = check_options(plugin, table.options, name)
@@ -146,14 +147,14 @@ class Recipe:
 
     @property
     def asks_for_link(self) -> bool:
-        """Whether it need not be the same on all links."""
+        """Whether the fault can differ from link to link."""
         return not {"link", "sender", "receiver"}.isdisjoint(self.asked)
 
     def make(self, sender: int, receiver: int) -> Fault:
-        """The fault of one link.
+        """Make the fault of one link.
 
         Raises:
-            PluginError: The constructor refused the options, or made something else; an exception of its is the cause.
+            PluginError: The constructor refused the options (its exception is the cause), or did not make a fault.
         """
         link = FaultLink(sender, receiver, self.folder)
         context = {"link": link, **link._asdict()}

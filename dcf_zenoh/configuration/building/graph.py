@@ -1,4 +1,4 @@
-"""The communication graph of a fleet, drawn by its topology, and the mixing weights on it."""
+"""The communication graph of a fleet, made by its topology, and its mixing weights."""
 
 from pathlib import Path
 
@@ -11,11 +11,11 @@ from dcf_zenoh.spec import FleetSpec
 
 
 def draw(spec: FleetSpec, folder: Path) -> Graph:
-    """Who hears whom.
+    """Return the communication graph of a fleet.
 
     Args:
-        spec: The fleet.
-        folder: What the path of a topology in a file is relative to.
+        spec: Specification of the fleet.
+        folder: Folder that the path of a topology is relative to.
 
     Raises:
         PluginError: The topology cannot be loaded, or refuses its options.
@@ -27,18 +27,18 @@ def draw(spec: FleetSpec, folder: Path) -> Graph:
         graph = Graph.of(spec.ids, links)
     except TopologyError:
         raise
-    except Exception as error:  # a generator fails only now
+    except Exception as error:  # a generator runs, and fails, only now
         raise PluginError(f"topology: {topology.kind} refused its options: {reason(error)}") from error
     _ = graph.diameter
     return graph
 
 
 def weights_of(spec: FleetSpec, graph: Graph) -> Array:
-    """The mixing weights of a fleet on its graph, rows and columns in order of ids.
+    """Return the mixing weights of a fleet on its graph, shape (N, N), rows and columns in order of ids.
 
     Raises:
-        TopologyError: Metropolis or Laplacian weights on a graph that is not undirected, too large a step, or one that
-            no weights use.
+        TopologyError: The graph of Metropolis or Laplacian weights is not undirected, the weight step is too large, or
+            it is given with weights that do not use it.
     """
     name = spec.topology.weights
     if name == "auto":

@@ -1,4 +1,4 @@
-"""The problem and the body of one agent, made from its specification."""
+"""Construction of the problem and the plant of one agent."""
 
 from pathlib import Path
 from typing import Any, cast
@@ -11,7 +11,7 @@ from dcf_zenoh.spec import FleetSpec
 
 
 def problem_of(spec: FleetSpec, folder: Path, agent: int) -> Any:
-    """What `agent` has to solve.
+    """Make the problem of `agent`.
 
     Raises:
         PluginError: The problem cannot be loaded, or refuses its options.
@@ -23,7 +23,7 @@ def problem_of(spec: FleetSpec, folder: Path, agent: int) -> Any:
 
 
 def plant_of(spec: FleetSpec, folder: Path, agent: int) -> Plant:
-    """The body of `agent`, not prepared; one that does nothing if the agent only computes.
+    """Make the plant of `agent`, not prepared; a `NoPlant` if the agent only computes.
 
     Raises:
         PluginError: The plant cannot be loaded, or refuses its options.
@@ -36,7 +36,7 @@ def plant_of(spec: FleetSpec, folder: Path, agent: int) -> Plant:
 
 
 def _known(spec: FleetSpec, agent: int) -> dict[str, Any]:
-    """What plug-ins can ask for by name."""
+    """Return the values of the positional arguments of plug-ins, by name."""
     return {
         "agent": agent,
         "agents": spec.ids,
@@ -47,10 +47,10 @@ def _known(spec: FleetSpec, agent: int) -> dict[str, Any]:
 
 
 def plant_classes(spec: FleetSpec, folder: Path) -> set[type[Plant]]:
-    """The kinds of all bodies of a fleet.
+    """Return the classes of all plants that agents of a fleet have.
 
     Raises:
-        PluginError: One is unknown, or cannot be loaded.
+        PluginError: A kind is unknown, or cannot be loaded.
     """
     kinds = {own.plant.kind for own in map(spec.agent, spec.ids) if own.plant}
     found = {load("plants", kind, folder) for kind in kinds}

@@ -1,1 +1,1 @@
-"""What a fleet file must satisfy beyond the types of its keys, one file per kind of check."""
+"""Checks of a fleet file beyond the types of its keys, one file per kind of check."""

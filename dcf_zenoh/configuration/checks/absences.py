@@ -1,4 +1,4 @@
-"""What the faults of agents must satisfy: crashes and pauses within the run."""
+"""Checks of the faults of agents: crashes and pauses must be within the run."""
 
 from dcf_zenoh.configuration.checks.times import LONGEST
 from dcf_zenoh.diagnostics import Diagnostics
@@ -8,10 +8,10 @@ GO_ON = ", by safety.neighbour_silent.then = 'land'; 'continue' goes on"
 
 
 def check_agents(spec: FleetSpec, diagnostics: Diagnostics, notes: list[str]) -> list[str]:
-    """Note what is wrong with the faults of agents.
+    """Check the faults of agents.
 
     Returns:
-        The keys of those that keep an agent from sending.
+        Keys of the faults that keep an agent from sending.
     """
     absences: list[str] = []
     silent = spec.safety.neighbour_silent
@@ -46,7 +46,7 @@ def check_agents(spec: FleetSpec, diagnostics: Diagnostics, notes: list[str]) ->
 
 
 def check_window(spec: FleetSpec, key: str, window: tuple[float, float], diagnostics: Diagnostics) -> None:
-    """Check begin and end of something in the run, in s."""
+    """Check begin and end of a time in the run, in s."""
     begin, end = window
     if begin >= end:
         diagnostics.add(key, f"expected begin < end, not [{begin:g}, {end:g}]")

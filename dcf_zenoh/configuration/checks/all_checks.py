@@ -1,4 +1,4 @@
-"""What a specification must satisfy beyond its types: names that exist, plug-ins that accept their keys, a graph."""
+"""All checks of a specification beyond its types: names exist, plug-ins accept their keys, the graph is connected."""
 
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
@@ -23,15 +23,15 @@ from dcf_zenoh.spec import FleetSpec, Kind, merged
 def check(
     spec: FleetSpec, folder: Path, diagnostics: Diagnostics, notes: list[str], *, run_plugins: bool, unused: bool = True
 ) -> None:
-    """Add to `diagnostics` and `notes` whatever is to be said about `spec`.
+    """Check a specification, and add the findings to `diagnostics` and `notes`.
 
     Args:
-        spec: A fleet whose types are right.
-        folder: What the paths of plug-ins are relative to.
-        diagnostics: What is wrong.
-        notes: What is allowed, but should be known.
-        run_plugins: Import the plug-ins of others; without it they are looked at only.
-        unused: Look at the algorithms and plants, too, that no agent uses.
+        spec: Specification whose types are right.
+        folder: Folder that paths of plug-ins are relative to.
+        diagnostics: Errors.
+        notes: Remarks about what is permitted but may surprise.
+        run_plugins: Import plug-ins that are not part of dcf-zenoh. Without it only the text of their files is read.
+        unused: Also check algorithms and plants that no agent uses.
     """
     _check_plant_names(spec, diagnostics)
     _check_starts(spec, diagnostics)
@@ -160,7 +160,7 @@ def _check_overridden(
     users: Iterable[int],
     key: Callable[[int, str], str],
 ) -> None:
-    """Check a table and what agents override of it; each problem under the key it comes from."""
+    """Check a table and what agents override of it; each error is added under the key that causes it."""
     for agent, options in overrides.items():
         if "kind" in options:
             lookup.diagnostics.add(

@@ -1,4 +1,4 @@
-"""What a fleet file must satisfy because of its bodies: where they are, and what moves in the real world."""
+"""Checks of the plants of a fleet: positions in the arena, real hardware, keys that no two agents may share."""
 
 from collections.abc import Iterable, Mapping
 from typing import Any
@@ -9,7 +9,7 @@ from dcf_zenoh.spec import FleetSpec
 
 
 def check_arena(spec: FleetSpec, diagnostics: Diagnostics) -> None:
-    """Check that the arena is a box, and that every agent begins in it."""
+    """Check that the arena is a box, and that every agent starts in it."""
     arena = spec.arena
     if arena is None:
         return
@@ -37,15 +37,16 @@ def check_body(
     users: Iterable[int],
     owners: dict[tuple[object, str, str], int],
 ) -> None:
-    """Check what the kind of a body asks for.
+    """Check what the kind of a plant requires.
 
     Args:
-        plugin: The kind of ``[plants.NAME]``.
-        spec: The fleet.
-        diagnostics: What is wrong.
-        name: Of the plant.
-        users: Agents that have it.
-        owners: Kind, key and value -> who has what no other may have, over all plants of the fleet; is added to.
+        plugin: Class of ``[plants.NAME]``.
+        spec: Specification of the fleet.
+        diagnostics: Errors, to which new ones are added.
+        name: NAME of the plant.
+        users: Agents that have the plant.
+        owners: (kind, key, value) -> agent that has this value, which no other agent may have; over all plants of the
+            fleet, and extended here.
     """
     if getattr(plugin, "real", False) and spec.time.clock == "virtual":
         diagnostics.add(
@@ -67,7 +68,7 @@ def check_body(
 
 
 def _check_height(plugin: object, spec: FleetSpec, diagnostics: Diagnostics, name: str, users: Iterable[int]) -> None:
-    """Check that bodies that start in the plane and have a key `height`, perhaps in a sub-table, fly in the arena."""
+    """Check that plants that start in the plane and have a key `height`, perhaps in a sub-table, fly in the arena."""
     if spec.arena is None or len(spec.arena.min) < 3 or not callable(plugin):
         return
     low, high = spec.arena.min[2], spec.arena.max[2]

@@ -1,4 +1,4 @@
-"""What the faults of a fleet file must satisfy: kinds that exist and accept their keys, links that there are."""
+"""Checks of the faults of a fleet file: kinds exist and accept their keys, rules apply to existing links."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -19,17 +19,17 @@ from dcf_zenoh.plugins import Plugin, Schema, is_built_in, known, load
 from dcf_zenoh.spec import FaultRule, FaultTable, FleetSpec, Switch
 
 Pairs = Sequence[tuple[int, int]]
-MOST_LINKS = 12  # that a message names
+MOST_LINKS = 12  # in a message
 
 
 @dataclass(frozen=True)
 class _Rule:
-    """A rule, where it stands and what it is for.
+    """A rule with its place in the file and its links.
 
     Attributes:
         key: ``faults`` for the faults of all links, or ``faults.rule.N``.
-        rule: As in the file.
-        links: Those that it is for.
+        rule: The rule, as in the file.
+        links: Links that it applies to.
     """
 
     key: str
@@ -38,16 +38,16 @@ class _Rule:
 
     @property
     def window(self) -> tuple[float, float]:
-        """When it is for, s."""
+        """Begin and end of the time in which the rule applies, s."""
         return self.rule.during or ALWAYS
 
     def meets(self, other: "_Rule") -> bool:
-        """Whether this is for some of the links and times of another."""
+        """Return whether this rule applies to some of the links and times of another."""
         (begin, end), (other_begin, other_end) = self.window, other.window
         return begin < other_end and other_begin < end and not set(self.links).isdisjoint(other.links)
 
     def covered(self, others: Sequence["_Rule"]) -> bool:
-        """Whether others together are for all its links and times."""
+        """Return whether other rules together apply to all links and times of this one."""
         windows: dict[tuple[int, int], list[tuple[float, float]]] = {link: [] for link in self.links}
         for other in others:
             for link in windows.keys() & set(other.links):
@@ -56,15 +56,15 @@ class _Rule:
 
 
 def check_links(spec: FleetSpec, graph: Graph | None, lookup: PluginLookup) -> list[str]:
-    """Note what is wrong with [faults].
+    """Check [faults].
 
     Args:
-        spec: The fleet.
-        graph: Who hears whom; None if that is not known.
-        lookup: Where the kinds are looked up.
+        spec: Specification of the fleet.
+        graph: Communication graph; None if it is not known.
+        lookup: Lookup of the kinds, which gets the errors and notes.
 
     Returns:
-        The keys of faults that can lose messages.
+        Keys of the faults that can lose messages.
     """
     pairs = sorted(graph.links) if graph else [(i, j) for i in spec.ids for j in spec.ids if i != j]
     rules = []
@@ -89,7 +89,7 @@ def check_links(spec: FleetSpec, graph: Graph | None, lookup: PluginLookup) -> l
 
 
 def _is_known(key: str, fault: Switch, names: set[str], lookup: PluginLookup) -> bool:
-    """Whether there is such a fault, as far as its name tells."""
+    """Return whether a fault of this name exists; if not, add an error."""
     name = key.rpartition(".")[2]
     kinds = sorted(known("faults"))
     if name in kinds or (fault.kind != name if fault else name in names):
@@ -104,7 +104,7 @@ def _is_known(key: str, fault: Switch, names: set[str], lookup: PluginLookup) ->
 
 
 def _check_fault(spec: FleetSpec, key: str, fault: Switch, links: Pairs, lookup: PluginLookup) -> Plugin | None:
-    """Check one table; the plug-in if it could be loaded."""
+    """Check one table; return the plug-in if it could be loaded."""
     if not fault or (schema := lookup.schema("faults", fault.kind, key)) is None:
         return None
     lookup.compare(schema, fault.options, lambda option: f"{key}.{option}")
@@ -134,7 +134,7 @@ def _check_named(spec: FleetSpec, key: str, plugin: Plugin, options: dict[str, A
 
 
 def _check_made(key: str, fault: FaultTable, schema: Schema, links: Pairs, lookup: PluginLookup) -> None:
-    """Make the fault of each link, for its constructor to judge."""
+    """Construct the fault of each link, and add what its constructor refuses."""
     recipe = Recipe.of(key, fault, lookup.folder)
     for link in links if recipe.asks_for_link else links[:1]:
         try:
@@ -149,7 +149,7 @@ def _check_made(key: str, fault: FaultTable, schema: Schema, links: Pairs, looku
 
 
 def _check_rule(spec: FleetSpec, each: _Rule, pairs: Pairs, diagnostics: Diagnostics) -> None:
-    """Check for whom and when a rule is."""
+    """Check the links and the time of a rule."""
     rule, key = each.rule, each.key
     if not rule.faults:
         diagnostics.add(key, f"a rule without a fault; known faults: {listed(sorted(known('faults')))}")
@@ -175,7 +175,7 @@ def _check_rule(spec: FleetSpec, each: _Rule, pairs: Pairs, diagnostics: Diagnos
 
 
 def _filled(window: tuple[float, float], others: Sequence[tuple[float, float]]) -> bool:
-    """Whether `others` leave no gap in `window`."""
+    """Return whether `others` leave no gap in `window`."""
     reached, end = window
     for begin, until in sorted(others):
         if begin > reached:
@@ -185,7 +185,7 @@ def _filled(window: tuple[float, float], others: Sequence[tuple[float, float]]) 
 
 
 def _check_overruled(rules: Sequence[_Rule], diagnostics: Diagnostics) -> None:
-    """Note what can never act because a later rule says otherwise."""
+    """Add an error for each fault that can never act because of later rules."""
     for place, each in enumerate(rules):
         for name in each.rule.faults:
             later = [other for other in rules[place + 1 :] if name in other.rule.faults and other.meets(each)]
@@ -219,7 +219,7 @@ def _or_any(ids: tuple[int, ...] | None) -> str:
 
 
 def _flat(value: Any) -> Iterator[Any]:
-    """What is in a list, and in the lists in it."""
+    """Yield the items of a list and of the lists in it; a single value is yielded itself, None is not."""
     if isinstance(value, list | tuple):
         for each in value:
             yield from _flat(each)

@@ -1,4 +1,4 @@
-"""Layouts that are known to end in a deadlock, by what the problem knows of them."""
+"""Check for layouts that end in a deadlock according to the problem."""
 
 from dcf_zenoh.configuration.building.problem_and_plant import problem_of
 from dcf_zenoh.configuration.checks.plugin_lookup import PluginLookup
@@ -7,15 +7,15 @@ from dcf_zenoh.plugins import accepted
 from dcf_zenoh.problems.geometry import DeadlockLayout
 from dcf_zenoh.spec import FleetSpec
 
-DETOUR = "detour"  # the key of a controller that leads agents out of a deadlock
+DETOUR = "detour"  # key of controllers that lead agents out of a deadlock
 
 
 def check_layout(spec: FleetSpec, lookup: PluginLookup) -> None:
-    """Note a layout that the problem knows to end in a deadlock, unless the controller makes detours.
+    """Add a note about a layout that ends in a deadlock according to the problem, unless the controller makes detours.
 
     Args:
-        spec: A fleet in which nothing is wrong.
-        lookup: Where its plug-ins are; takes the note.
+        spec: Specification without errors.
+        lookup: Lookup of its plug-ins, which gets the note.
     """
     controller = spec.controller_kind
     if controller.options.get(DETOUR) or not isinstance(lookup.plugin("problems", spec.problem.kind), DeadlockLayout):

@@ -1,4 +1,4 @@
-"""Faults that are changed while a fleet runs: what a rule of a fleet file must satisfy, and a little more."""
+"""Checks of faults that are changed while a fleet runs: those of a rule of a fleet file, and some more."""
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -20,31 +20,32 @@ Ids = tuple[int, ...] | None
 
 
 class CheckedRule(NamedTuple):
-    """A change as a rule of the fleet file, and what the user should know about it."""
+    """A change as a rule of the fleet file, and notes for the user."""
 
     rule: FaultRule
     notes: tuple[str, ...]
 
 
 def check_change(fleet: LoadedFleet, senders: Ids, receivers: Ids, name: str, fault: Any) -> CheckedRule:
-    """Check what shall be changed in a fleet that runs, as one more rule of its fleet file.
+    """Check a change of a running fleet, as one more rule of its fleet file.
 
     Args:
-        fleet: As its run directory has it.
-        senders: None: all.
-        receivers: None: all.
-        name: Of the fault.
-        fault: A value, a table, or False for none.
+        fleet: The fleet, as in its run directory.
+        senders: Ids of the senders; None: all.
+        receivers: Ids of the receivers; None: all.
+        name: Name of the fault.
+        fault: Value or table of the fault; False switches it off.
 
     Raises:
-        ConfigurationError: The words are those of fleet files, but the keys are those of the command line.
+        ConfigurationError: The change is not valid; the message has the texts of fleet files, but the keys of the
+            command line.
     """
     if name in RULE_KEYS:
         kinds = sorted(known("faults"))
         raise ConfigurationError(f"unknown fault {name!r}{nearest(name, kinds)} known faults: {listed(kinds)}")
     kind = fault.get("kind") if isinstance(fault, Mapping) else None
     if isinstance(kind, str) and ":" in kind and (found := _foreign(fleet.spec, name, kind)):
-        raise ConfigurationError(found)  # it is not even looked at
+        raise ConfigurationError(found)  # its file is not even read
     number = len(fleet.spec.faults.rule) + 1
     draft = read(fleet.source)
     path = ("faults", "rule", str(number))
@@ -63,16 +64,16 @@ def check_change(fleet: LoadedFleet, senders: Ids, receivers: Ids, name: str, fa
 
 
 def check_ends(fleet: LoadedFleet, senders: Ids, receivers: Ids) -> FaultRule:
-    """Check that there are agents of these ids, and links between them; a rule for these links.
+    """Check that there are agents of these ids, and links between them; return a rule for these links.
 
     Raises:
-        ConfigurationError: There are none.
+        ConfigurationError: An agent does not exist, or there are no such links.
     """
     return check_change(fleet, senders, receivers, next(iter(known("faults"))), False).rule
 
 
 def check_rules(fleet: LoadedFleet, rules: Iterable[dict[str, Any]]) -> list[str]:
-    """What is wrong with the fleet file once `rules` stand at its end."""
+    """Return what is wrong with the fleet file if `rules` are added at its end, one line each."""
     draft = read(fleet.source)
     for number, rule in enumerate(rules, len(fleet.spec.faults.rule) + 1):
         draft.assign(("faults", "rule", str(number)), rule)
@@ -81,7 +82,7 @@ def check_rules(fleet: LoadedFleet, rules: Iterable[dict[str, Any]]) -> list[str
 
 
 def _foreign(spec: FleetSpec, name: str, kind: str) -> list[str]:
-    """Why a kind cannot be loaded by a fleet that runs, in one line; nothing if it can."""
+    """Return why a running fleet must not load a kind, in one line; no line if it may."""
     own = {each.kind for rule in spec.faults.rules for each in rule.faults.values() if each}
     if kind in own | known("faults").keys():
         return []
@@ -92,18 +93,18 @@ def _foreign(spec: FleetSpec, name: str, kind: str) -> list[str]:
 
 
 def refusals(spec: FleetSpec, folder: Path, name: str, fault: Switch) -> list[str]:
-    """Why a fault cannot begin to act on a fleet that runs, though a fleet file might have it: one line each.
+    """Return why a fault cannot be added to a running fleet although a fleet file could have it, one line each.
 
-    No code is loaded that neither is installed nor belongs to the run.
+    Only code is loaded that is installed or belongs to the run.
 
     Args:
-        spec: The fleet.
-        folder: What the paths of plug-ins are relative to.
-        name: Of the fault.
-        fault: Its table.
+        spec: Specification of the fleet.
+        folder: Folder that paths of plug-ins are relative to.
+        name: Name of the fault.
+        fault: Table of the fault.
 
     Raises:
-        PluginError: It cannot be loaded.
+        PluginError: The fault cannot be loaded.
     """
     diagnostics = Diagnostics()
     if not fault:
@@ -129,12 +130,12 @@ def _check(draft: Draft) -> FleetSpec | None:
 
 
 def _is_of(line: str, prefix: str) -> bool:
-    """Whether a problem is one of the rule, and not of what it overrules."""
+    """Return whether a line is about the rule, and not about what it overrules."""
     return line.startswith((f"{prefix}.", f"{prefix}:", "exchange.round_timeout:"))
 
 
 def _plain(line: str, prefix: str) -> str:
-    """A problem without the place in the file."""
+    """Return a line without the place in the file."""
     text = line.removeprefix(f"{prefix}: ").replace(f"{prefix}.", "")
     return (
         f"--{text}" if text.startswith(("from", "to")) and text.partition(":")[0].split(".")[0] in RULE_KEYS else text

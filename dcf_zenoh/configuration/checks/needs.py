@@ -1,4 +1,4 @@
-"""Whether an algorithm can solve this problem on this graph, as far as `dcf_zenoh.algorithms.needs` can tell before."""
+"""Checks that an algorithm can solve this problem on this graph, by `dcf_zenoh.algorithms.needs`."""
 
 import typing
 from collections.abc import Sequence
@@ -17,14 +17,14 @@ from dcf_zenoh.spec import FleetSpec
 def check_needs(
     spec: FleetSpec, folder: Path, graph: Graph | None, diagnostics: Diagnostics, *, run_plugins: bool
 ) -> None:
-    """Note what the fleet's algorithm needs and does not find. One that says nothing, or cannot be run, passes.
+    """Check what the algorithm of the fleet needs. One that declares nothing, or must not be imported, passes.
 
     Args:
-        spec: The fleet.
-        folder: What the paths of plug-ins are relative to.
-        graph: Who hears whom; None if that is not known.
-        diagnostics: What is wrong so far; what is needed is added.
-        run_plugins: Plug-ins of others may be imported.
+        spec: Specification of the fleet.
+        folder: Folder that paths of plug-ins are relative to.
+        graph: Communication graph; None if it is not known.
+        diagnostics: Errors so far, to which new ones are added.
+        run_plugins: Whether third-party plug-ins may be imported.
     """
 
     def loaded(group: str, kind: str, key: str) -> Plugin | None:
@@ -53,7 +53,7 @@ def _check_links(needed: Needs, spec: FleetSpec, graph: Graph, diagnostics: Diag
 
 def _check_problem(needed: Needs, spec: FleetSpec, folder: Path, kind: type, diagnostics: Diagnostics) -> None:
     name, controller = spec.problem.kind, spec.controller_kind.kind
-    posed: Sequence[object] = ()  # problems, or their class, as far as is known here
+    posed: Sequence[object] = ()  # problems, or their class, as far as known
     if controller == "solve_once":
         if hasattr(kind, "at"):
             text = f"{name} is posed anew at every step, from where the agents are: they need plants"
@@ -77,7 +77,7 @@ def _check_problem(needed: Needs, spec: FleetSpec, folder: Path, kind: type, dia
 
 
 def _posed_by(kind: type) -> list[type]:
-    """The class of what a problem poses in each step, if the annotation of its `at` tells."""
+    """Return the class of what a problem poses in each step, if its method `at` has that annotation."""
     try:
         posed = typing.get_type_hints(kind.at).get("return")  # type: ignore[attr-defined]
     except (AttributeError, NameError, TypeError):
@@ -86,7 +86,7 @@ def _posed_by(kind: type) -> list[type]:
 
 
 def _solves(algorithm: str, posed: Sequence[object]) -> bool:
-    """Whether a built-in algorithm solves all of these, as far as is known here."""
+    """Return whether a built-in algorithm solves all of these problems, as far as known."""
     needed = needs_of(load("algorithms", algorithm, Path())) if is_built_in("algorithms", algorithm) else None
     return needed is not None and all(
         needed.of_problem(each, "") is None and all(getattr(each, trait, True) is True for trait in needed.traits)

@@ -1,4 +1,4 @@
-"""Where the checks of a fleet file look plug-ins up."""
+"""Lookup of plug-ins for the checks of a fleet file."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -13,7 +13,14 @@ from dcf_zenoh.spec import Kind
 
 @dataclass(frozen=True)
 class PluginLookup:
-    """Where plug-ins are looked up, and what is found wrong with them is noted."""
+    """Looks up plug-ins, and adds what is wrong with them to the diagnostics.
+
+    Attributes:
+        folder: Folder that paths of plug-ins are relative to.
+        run: Import plug-ins that are not part of dcf-zenoh. Without it only the text of their files is read.
+        diagnostics: Errors, to which new ones are added.
+        notes: Remarks for the user, to which new ones are added.
+    """
 
     folder: Path
     run: bool
@@ -21,13 +28,13 @@ class PluginLookup:
     notes: list[str]
 
     def check(self, group: str, kind: Kind, key: str, *, used: bool = True) -> None:
-        """Check a table that nothing overrides."""
+        """Check a table that agents cannot override."""
         if schema := self.schema(group, kind.kind, key, used=used):
             self.compare(schema, kind.options, lambda option: f"{key}.{option}")
             self.add_all(schema.missing(kind.options), lambda option: f"{key}.{option}")
 
     def schema(self, group: str, kind: str, key: str, *, used: bool = True) -> Schema | None:
-        """The keys that `kind` accepts; None if they cannot be told. What nobody uses is not imported."""
+        """Return the keys that `kind` accepts; None if they cannot be found. Unused foreign kinds are not imported."""
         try:
             if (self.run and used) or is_built_in(group, kind):
                 plugin = load(group, kind, self.folder)
@@ -44,14 +51,14 @@ class PluginLookup:
         return None
 
     def plugin(self, group: str, kind: str) -> Plugin | None:
-        """What `kind` stands for; None if it must not be imported."""
+        """Return the class or function that `kind` names; None if it must not be imported."""
         return load(group, kind, self.folder) if self.run or is_built_in(group, kind) else None
 
     def compare(self, schema: Schema, options: Mapping[str, Any], key: Callable[[str], str]) -> None:
-        """Note the options that `schema` does not accept, under ``key(option)``."""
+        """Add an error for each option that `schema` does not accept, under ``key(option)``."""
         self.add_all(schema.convert(options)[1], key)
 
     def add_all(self, texts: Mapping[str, str], key: Callable[[str], str]) -> None:
-        """Note all `texts`, by option, under ``key(option)``."""
+        """Add all `texts`, which are option -> error, under ``key(option)``."""
         for option, text in texts.items():
             self.diagnostics.add(key(option), text)

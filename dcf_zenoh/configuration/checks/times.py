@@ -1,4 +1,4 @@
-"""What the times of a fleet file must satisfy, and the rounds of each mode."""
+"""Checks of the times of a fleet file, and of the rounds of each mode."""
 
 from collections.abc import Sequence
 from math import floor, log10
@@ -6,12 +6,12 @@ from math import floor, log10
 from dcf_zenoh.diagnostics import Diagnostics, listed
 from dcf_zenoh.spec import FleetSpec
 
-LONGEST = 1e8  # s; some three years
-WALL_ROUND = 2e-3  # s; about what a round takes on the wall clock, so a shorter time-out loses what is only late
+LONGEST = 1e8  # s; about three years
+WALL_ROUND = 2e-3  # s; about a round on the wall clock: a shorter time-out loses messages that are only late
 
 
 def check_time(spec: FleetSpec, diagnostics: Diagnostics, notes: list[str]) -> None:
-    """Note times beyond all reason, and more rounds than there is time for."""
+    """Check that times are not absurdly long, and note more rounds than there is time for."""
     rounds, sample_time = spec.exchange, spec.time.sample_time
     for key, value in {
         "time.sample_time": sample_time,
@@ -21,7 +21,7 @@ def check_time(spec: FleetSpec, diagnostics: Diagnostics, notes: list[str]) -> N
         "exchange.compute_time": rounds.compute_time,
         "safety.neighbour_silent.after": spec.safety.neighbour_silent.after,
         "zenoh.ready_timeout": spec.zenoh.ready_timeout,
-        "zenoh.silence_timeout": spec.zenoh.receive_timeout,
+        "zenoh.receive_timeout": spec.zenoh.receive_timeout,
     }.items():
         if value is not None and value > LONGEST:
             diagnostics.add(key, f"expected at most {LONGEST:g} s, not {value:g}")
@@ -41,7 +41,7 @@ def check_time(spec: FleetSpec, diagnostics: Diagnostics, notes: list[str]) -> N
 
 
 def check_rhythm(spec: FleetSpec, diagnostics: Diagnostics, notes: list[str]) -> None:
-    """Check when agents activate in asynchronous mode, and note the keys that mean nothing in the mode chosen."""
+    """Check the activations of asynchronous mode, and note keys that have no effect in the chosen mode."""
     rounds = spec.exchange
     rhythm = {"exchange.period": rounds.period, "exchange.jitter": rounds.jitter or None}
     for agent, own in spec.agents.items():
@@ -69,12 +69,12 @@ def check_rhythm(spec: FleetSpec, diagnostics: Diagnostics, notes: list[str]) ->
 
 
 def check_timeout(spec: FleetSpec, diagnostics: Diagnostics, losers: Sequence[str]) -> None:
-    """Ask for a time-out of rounds where messages can be lost.
+    """Require a time-out of rounds if messages can be lost.
 
     Args:
-        spec: The fleet.
-        diagnostics: What is wrong.
-        losers: Keys of what can lose messages.
+        spec: Specification of the fleet.
+        diagnostics: Errors, to which one may be added.
+        losers: Keys of faults that can lose messages.
     """
     rounds = spec.exchange
     if not losers or rounds.mode == "asynchronous" or rounds.round_timeout is not None:

@@ -1,4 +1,4 @@
-"""What only a plug-in itself can tell of the values it is given: it is made once, as at the beginning of a run."""
+"""Checks that only a plug-in can make of its values: it is constructed once, as at the beginning of a run."""
 
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
@@ -14,21 +14,22 @@ from dcf_zenoh.problems.geometry import DeadlockLayout
 from dcf_zenoh.problems.problem import Problem
 from dcf_zenoh.spec import FleetSpec
 
-SIZES = {"size": "components of a decision", "rows": "shared constraints"}  # what all agents must have as many of
+SIZES = {"size": "components of a decision", "rows": "shared constraints"}  # must be equal at all agents
 
 
 def check_values(spec: FleetSpec, folder: Path, diagnostics: Diagnostics, *, run_plugins: bool) -> None:
-    """Make the body and the problem of every agent, and note what they refuse.
+    """Construct the plant and the problem of every agent, and add what they refuse to the diagnostics.
 
-    Made are built-in kinds, and problems of others that have a method ``check_starts`` or are asked for deadlocks.
-    ``check_starts`` gets agent -> start, of all agents, and returns agent -> what is wrong with its start, given the
-    others'; the problem of one agent is asked for all. Where something is wrong already, nothing is made.
+    Only built-in kinds are constructed, and third-party problems that have a method ``check_starts`` or that check
+    layouts for deadlocks. ``check_starts`` gets agent -> start, of all agents, and returns agent -> what is wrong with
+    its start in relation to the other starts; it is called on the problem of one agent. Tables that already have errors
+    are not used.
 
     Args:
-        spec: A fleet.
-        folder: What the paths of plug-ins are relative to.
-        diagnostics: What is wrong.
-        run_plugins: Whether code of others may run.
+        spec: Specification of the fleet.
+        folder: Folder that paths of plug-ins are relative to.
+        diagnostics: Errors, to which new ones are added.
+        run_plugins: Whether third-party code may run.
     """
     if diagnostics.within("time") or diagnostics.within("plant"):
         return
@@ -60,7 +61,7 @@ def _may_be_made(spec: FleetSpec, folder: Path, *, run_plugins: bool) -> bool:
 
 
 def _refusals(agents: Sequence[int], make: Callable[[int], object]) -> dict[int, str]:
-    """Agent -> why what it needs cannot be made."""
+    """Return agent -> reason for which its plant or problem cannot be made."""
     refused = {}
     for agent in agents:
         try:
@@ -73,7 +74,7 @@ def _refusals(agents: Sequence[int], make: Callable[[int], object]) -> dict[int,
 def _note(
     refused: Mapping[int, str], users: Sequence[int], special: Sequence[int], table: str, diagnostics: Diagnostics
 ) -> None:
-    """Note what all `users` have wrong under their `table`, unless all of them have keys of their own (`special`)."""
+    """Add refusals: under `table` if all `users` have the same one and not all have their own keys (`special`)."""
     if len(refused) == len(users) > len(special) and len(set(refused.values())) == 1:
         diagnostics.add(table, next(iter(refused.values())))
         return
@@ -82,7 +83,7 @@ def _note(
 
 
 def _check_sizes(made: Mapping[int, object], diagnostics: Diagnostics) -> None:
-    """Note whose problem has another size than most: numpy would stretch one where both are mixed."""
+    """Check that all problems have the same sizes: numpy would broadcast arrays of different sizes."""
     for name, what in SIZES.items():
         sizes = {
             i: getattr(each, name) for i, each in made.items() if isinstance(each, Problem) and hasattr(each, name)

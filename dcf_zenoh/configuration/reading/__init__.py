@@ -1,1 +1,1 @@
-"""From the text of a fleet file to a validated specification."""
+"""Reading of a fleet file: from its text to a validated specification."""

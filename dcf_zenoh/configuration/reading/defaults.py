@@ -1,4 +1,4 @@
-"""The defaults of plug-ins, written out as if they stood in the fleet file."""
+"""The defaults of plug-ins, added to a specification as if they were in the fleet file."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -9,14 +9,14 @@ from dcf_zenoh.spec import FaultRule, Faults, FaultTable, FleetSpec, Kind
 
 
 def with_defaults(spec: FleetSpec, folder: Path, *, run_plugins: bool) -> FleetSpec:
-    """The same fleet with the defaults of all plug-ins in use, as far as TOML can say them: None it cannot.
+    """Return the same fleet with the defaults of all plug-ins in use but those that TOML cannot express, such as None.
 
     Faults that are switched off on all links are left out.
 
     Args:
         spec: A checked fleet.
-        folder: What the paths of plug-ins are relative to.
-        run_plugins: Import plug-ins that are not part of dcf-zenoh; without it their tables stay as they are.
+        folder: Folder that paths of plug-ins are relative to.
+        run_plugins: Import plug-ins that are not part of dcf-zenoh. Without it their tables do not change.
 
     Raises:
         PluginError: A plug-in cannot be loaded.
@@ -72,5 +72,5 @@ def _in_toml(value: object) -> bool:
 
 
 def _plain(value: Any) -> Any:
-    """Lists for tuples, as they come out of a file."""
+    """Return a value with lists in place of tuples, as in a file."""
     return list(map(_plain, value)) if isinstance(value, tuple | list) else value

@@ -1,4 +1,4 @@
-"""A fleet file on its way to a specification: read, changed from outside, completed; not yet checked."""
+"""A fleet file between text and specification: read, changed from outside, completed; not yet checked."""
 
 import tomllib
 from collections.abc import Sequence
@@ -18,7 +18,7 @@ _DEFAULT_TOPOLOGY = Topology().kind
 
 
 def built_in() -> dict[str, Path]:
-    """The fleet files that come with agentd, by name."""
+    """Return the fleet files that come with agentd, by name."""
     try:
         folder = resources.files("agentd.fleets")
     except ModuleNotFoundError:
@@ -32,10 +32,10 @@ def read(source: str | Path, *, run_plugins: bool = True) -> "Draft":
 
     Args:
         source: A path, or the name of a built-in fleet.
-        run_plugins: Import the faults of others, to know their first keys.
+        run_plugins: Import third-party faults, to find their first keys.
 
     Raises:
-        ConfigurationError: There is no such file, or it is not TOML.
+        ConfigurationError: The file does not exist, cannot be read, or is not TOML.
     """
     path, names = Path(source), built_in()
     if str(source) in names:
@@ -67,12 +67,12 @@ class Draft:
     """The tables of a fleet file, to be changed in place.
 
     Attributes:
-        table: All of the file.
-        folder: What the paths of plug-ins are relative to.
-        source: The file, for messages.
-        run_plugins: Whether the plug-ins of others may be imported.
-        notes: What the user should know, though nothing is wrong.
-        diagnostics: What is wrong.
+        table: Content of the file.
+        folder: Folder that paths of plug-ins are relative to.
+        source: Path of the file, for messages.
+        run_plugins: Whether third-party plug-ins may be imported.
+        notes: Remarks for the user about what is permitted but may surprise.
+        diagnostics: Errors.
     """
 
     table: dict[str, Any]
@@ -94,7 +94,7 @@ class Draft:
                 self.assign(path, value)
 
     def change(self, text: str) -> None:
-        """Apply ``key.path=value``: the value in TOML, or else a string as it stands."""
+        """Apply ``key.path=value``. A value that is not TOML is a string."""
         key, equals, value = text.partition("=")
         path = path_of(key)
         if not (equals and path):
@@ -103,7 +103,7 @@ class Draft:
         self.assign(path, value_of(value.strip()))
 
     def assign(self, path: Sequence[str], value: Any) -> None:
-        """Set one value; tables on the way to it are made. A new kind drops the keys of the old one."""
+        """Set one value; missing tables on the path are created. A new kind drops the keys of the old one."""
         path = with_plain_id(path)
         if path[:2] == ("faults", "rule") and len(path) > 2 and not path[2].isdecimal():
             self.diagnostics.add(
@@ -125,7 +125,7 @@ class Draft:
             value = self._from_here(value)
             self._drop_options(path[:-1], table, value)
         if value is False and path[-1] in table and is_fault(path) and len(path) == 2:
-            del table[path[-1]]  # not there is switched off; what was never there may be misspelt
+            del table[path[-1]]  # an absent fault is off; a name that was never there may be misspelt
             return
         table[path[-1]] = value
         if path[0] == "faults":
@@ -146,7 +146,7 @@ class Draft:
         self.table["plant"] = name
 
     def choose_algorithm(self, name: str) -> None:
-        """Put [algorithms.NAME] in the place of [algorithm], or change its kind to NAME."""
+        """Replace [algorithm] by [algorithms.NAME], or change its kind to NAME."""
         named = self._tables("algorithms")
         if name not in named:
             if self._is_kind("algorithm", "algorithms", name, named):
@@ -165,7 +165,7 @@ class Draft:
         self.table["algorithm"] = new  # the same object: changes under either name count
 
     def complete(self) -> None:
-        """Write out what follows from names: kinds of named tables, and the only plant as the default."""
+        """Fill in what follows from names: the kinds of named tables, and the only plant as the default."""
         for family in ("plants", "algorithms"):
             for name, table in self._tables(family).items():
                 table.setdefault("kind", name)
@@ -180,7 +180,7 @@ class Draft:
         list_rules(self.table, self.diagnostics)
 
     def check_ids(self) -> None:
-        """Bring the ids of agents into their plain form, and take out what is no id."""
+        """Normalise the ids of agents (``01`` is ``1``), and remove keys that are no ids."""
         agents = self.table.get("agents")
         if not isinstance(agents, dict):
             return
@@ -218,7 +218,7 @@ class Draft:
             self.notes.append(f"{'.'.join(path)}: kind changed from {old} to {new}, dropped {listed(dropped)}")
 
     def _from_here(self, kind: str) -> str:
-        """A kind given from outside: its file is looked for in the working directory, then beside the fleet file."""
+        """Return a kind from outside, its file looked for in the working directory, then next to the fleet file."""
         if in_file := split(kind):
             return f"{self._file_from_here(in_file[0])}:{in_file[1]}"
         return kind
@@ -239,7 +239,7 @@ class Draft:
         return False
 
     def _tables(self, key: str) -> dict[str, dict[str, Any]]:
-        """The tables in table `key`, or in the file itself; anything else is left for validation to refuse."""
+        """Return the tables in table `key`, or in the file itself; other values are left for validation to refuse."""
         table = self.table.get(key) if key else self.table
         return {name: each for name, each in table.items() if isinstance(each, dict)} if isinstance(table, dict) else {}
 

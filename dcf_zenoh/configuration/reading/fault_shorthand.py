@@ -1,4 +1,4 @@
-"""The entries of [faults] while a fleet file is read: what is written short becomes a table with its kind."""
+"""Reading of [faults]: an entry in short form, ``loss = 0.2``, becomes a table with kind and first key."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -13,11 +13,11 @@ from dcf_zenoh.spec import FaultRule, Faults
 RULE_KEYS = tuple(field.alias or name for name, field in FaultRule.model_fields.items())
 _RULE = ("faults", "rule")
 
-# While it is changed, faults.rule is a table from numbers to rules, so that faults.rule.2 means the second rule.
+# While changes are applied, faults.rule is a table from numbers to rules: faults.rule.2 is the second rule.
 
 
 def is_fault(path: Sequence[str]) -> bool:
-    """Whether `path` is the key of a fault: ``faults.loss``, ``faults.rule.2.loss``."""
+    """Return whether `path` is the key of a fault: ``faults.loss``, ``faults.rule.2.loss``."""
     if tuple(path[:2]) == _RULE:
         return len(path) == 4 and path[3] not in RULE_KEYS
     return len(path) == 2 and path[0] == "faults"
@@ -125,5 +125,5 @@ class FaultShorthand:
             return ()
         try:
             return tuple(getattr(load("faults", kind, self.folder), "FILES", ()))
-        except PluginError:  # which the checks report
+        except PluginError:  # reported by the checks
             return ()

@@ -1,4 +1,4 @@
-"""``[layout]``: agents with starts and targets, written into a draft."""
+"""Reading of ``[layout]``: it becomes agents with starts and targets in a draft."""
 
 from typing import Any
 
@@ -12,17 +12,17 @@ from dcf_zenoh.layouts.places import Clear
 from dcf_zenoh.plant import Array, read_only
 from dcf_zenoh.plugins import Plugin, accepted, create, is_built_in, load
 
-STARTS = "check_starts"  # method of a problem: agent -> start, of all agents; agent -> what is wrong with its start
+STARTS = "check_starts"  # method of a problem: all agents and starts -> agent -> what is wrong with its start
 
 
 def lay_out(draft: Draft) -> bool:
-    """Put agents, with ids from 1 on, in place of the layout of a draft, if it has one.
+    """Replace the layout of a draft, if it has one, by agents with ids from 1 on.
 
-    What the table of an agent says counts: its start, its target, and everything else. Random places follow from the
-    seed, and keep to what the fleet's problem says of starts; it is asked of targets too.
+    Keys in the table of an agent take precedence over the layout. Random places follow from the seed, and must be
+    accepted by the method ``check_starts`` of the problem; this holds for targets, too.
 
     Returns:
-        Whether there is anything to go on with.
+        False if the layout has errors.
     """
     table: Any = draft.table.pop("layout", None)
     if table is None:
@@ -58,13 +58,13 @@ def lay_out(draft: Draft) -> bool:
 
 
 def _plain(places: Array) -> list[list[float]]:
-    """Lists, to the µm, without negative zeros."""
+    """Return places as lists, rounded to µm, without negative zeros."""
     rounded: list[list[float]] = (places.round(6) + 0.0).tolist()
     return rounded
 
 
 def _problem(draft: Draft) -> Plugin | None:
-    """What the fleet solves, if it may be used."""
+    """Return the class of the problem; None if it must not be imported, or cannot be."""
     table: Any = draft.table.get("problem")
     kind = table.get("kind") if isinstance(table, dict) else None
     if not isinstance(kind, str):
@@ -77,7 +77,7 @@ def _problem(draft: Draft) -> Plugin | None:
 
 
 def _clear(draft: Draft, problem: Plugin | None, count: int) -> Clear:
-    """Whether the problem accepts starts. One that cannot be made accepts all, and is complained of later."""
+    """Return the test of whether the problem accepts starts; a problem that cannot be made accepts all."""
     ids = tuple(range(1, count + 1))
     if problem is None or not hasattr(problem, STARTS):
         return lambda _places: True

@@ -1,4 +1,4 @@
-"""What replaces the values of a fleet file: choices such as ``--plant``, and changes ``--set key.path=value``."""
+"""Replacements of values of a fleet file: choices such as ``--plant``, and changes ``--set key.path=value``."""
 
 import tomllib
 from collections.abc import Sequence
@@ -8,7 +8,7 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Overrides:
-    """Choices that replace those of a fleet file; None leaves the file's.
+    """Choices that replace those of a fleet file; None keeps that of the file.
 
     Attributes:
         seed: Seed of the fleet.
@@ -29,10 +29,10 @@ NO_OVERRIDES = Overrides()
 
 
 def path_of(key: str) -> tuple[str, ...]:
-    """The parts of a dotted key; none if it is not one."""
+    """Return the parts of a dotted key; no parts if the text is not a key."""
     try:
         nested: Any = tomllib.loads(f"{key} = 0")
-    except tomllib.TOMLDecodeError:  # Zenoh's keys have slashes
+    except tomllib.TOMLDecodeError:  # keys of Zenoh have slashes
         parts = tuple(part.strip() for part in key.split("."))
         return parts if all(parts) else ()
     path = []
@@ -43,7 +43,7 @@ def path_of(key: str) -> tuple[str, ...]:
 
 
 def value_of(text: str) -> Any:
-    """A value in TOML, or else the text itself."""
+    """Return the value of a text in TOML, or the text itself if it is not TOML."""
     try:
         table = tomllib.loads(f"it = {text}")
     except tomllib.TOMLDecodeError:
@@ -52,7 +52,7 @@ def value_of(text: str) -> Any:
 
 
 def with_plain_id(path: Sequence[str]) -> tuple[str, ...]:
-    """``agents.01.start`` is ``agents.1.start``."""
+    """Return a path with a plain agent id: ``agents.01.start`` is ``agents.1.start``."""
     head, *rest = path
     if head == "agents" and rest and rest[0].isascii() and rest[0].isdecimal():
         rest[0] = str(int(rest[0]))

@@ -1,4 +1,4 @@
-"""The tables of a fleet file to a specification; what pydantic refuses, in the words of the fleet file."""
+"""Validation: from the tables of a fleet file to a specification, with errors in terms of the fleet file."""
 
 import json
 from dataclasses import dataclass
@@ -17,12 +17,12 @@ RENAMED = {  # keys of earlier fleet files
 
 
 def validate(table: dict[str, Any], diagnostics: Diagnostics) -> FleetSpec | None:
-    """The specification in `table`.
+    """Return the specification in `table`.
 
-    What is refused is added to `diagnostics` and taken out of `table`, so that the rest can still be checked.
+    Values that are refused are added to `diagnostics` and removed from `table`, so that the rest can still be checked.
 
     Returns:
-        None if there is nothing to go on with: what is required is not there.
+        The specification; None if a required key is missing, so that nothing more can be checked.
     """
     for _ in range(3):
         try:  # strict JSON is what TOML is: lists for tuples, and neither strings nor booleans for numbers
@@ -31,7 +31,7 @@ def validate(table: dict[str, Any], diagnostics: Diagnostics) -> FleetSpec | Non
             for each in error.errors(include_url=False, include_context=False):
                 place = _find(each["loc"])
                 value = _take(table, place.path)
-                inside = len(each["loc"]) > len(place.path)  # what is wrong with a value is not said of its parts
+                inside = len(each["loc"]) > len(place.path)  # an error in a part of a value is reported for the value
                 diagnostics.add(".".join(place.path), _text(place, "" if inside else each["type"], value))
             table.setdefault("name", "unnamed")
     return None
@@ -39,7 +39,7 @@ def validate(table: dict[str, Any], diagnostics: Diagnostics) -> FleetSpec | Non
 
 @dataclass(frozen=True)
 class _Place:
-    """A key of a fleet file: what belongs there, and what its table accepts."""
+    """A key of a fleet file: its path, the type and description of its value, and the keys that its table accepts."""
 
     path: tuple[str, ...]
     type: Any
@@ -49,9 +49,9 @@ class _Place:
 
 
 def _find(location: tuple[int | str, ...]) -> _Place:
-    """Follow pydantic's location through the tables and lists of tables, and not into other lists.
+    """Follow the location of a pydantic error through tables and lists of tables, but not into other lists.
 
-    What is in a list has a number, from 1 on.
+    Items of a list are numbered from 1 on.
     """
     path: tuple[str, ...] = ()
     place = _Place(path, FleetSpec, (), "", ())
@@ -79,7 +79,7 @@ def _is_table(kind: Any) -> bool:
 
 
 def _bare(annotation: Any) -> Any:
-    """A type without its bounds, and without None."""
+    """Return a type without its bounds, and without None."""
     if get_origin(annotation) is Annotated:
         return _bare(get_args(annotation)[0])
     if get_origin(annotation) in (Union, UnionType):
@@ -88,10 +88,10 @@ def _bare(annotation: Any) -> Any:
 
 
 def _take(table: Any, path: tuple[str, ...]) -> Any:
-    """Take the value at `path` out of `table`; None if it is not there (any more)."""
+    """Remove the value at `path` from `table` and return it; None if it is not there."""
     for key in path[:-1]:
         table = table[int(key) - 1] if isinstance(table, list) else table.get(key, {})
-    if isinstance(table, list):  # the others keep their numbers
+    if isinstance(table, list):  # the other items keep their numbers
         place = int(path[-1]) - 1
         value, table[place] = table[place], {}
         return value
