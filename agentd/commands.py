@@ -15,6 +15,7 @@ from agentd.run_and_report import (
     consult_oracle,
     launch_and_report,
     load_fleet,
+    print_note,
     print_oracles,
     print_wide,
     read_run,
@@ -105,7 +106,7 @@ def check(options: Namespace) -> int:
 
     fleet = load_fleet(options, run_plugins=options.load)
     if reason := unsolvable(fleet):
-        print(f"agentd: note: problem: {reason}", file=sys.stderr)
+        print_note(f"problem: {reason}")
     print(to_toml(fleet.spec), end="")
     return 0
 

@@ -100,22 +100,21 @@ def load_fleet(options: Namespace, *, run_plugins: bool = True, unused: bool = T
     Raises:
         ConfigurationError: The fleet cannot be used.
     """
-    fleet = load(
-        options.fleet,
-        Overrides(
-            seed=options.seed,
-            clock=options.clock,
-            plant=options.plant,
-            algorithm=options.algorithm,
-            topology=options.topology,
-        ),
-        changes=options.set,
-        run_plugins=run_plugins,
-        unused=unused,
-    )
+    fleet = load(options.fleet, overrides_of(options), changes=options.set, run_plugins=run_plugins, unused=unused)
     for note in fleet.notes:
-        print(f"agentd: note: {note}", file=sys.stderr)
+        print_note(note)
     return fleet
+
+
+def overrides_of(options: Namespace) -> Overrides:
+    """Return the choices that replace those of the fleet file."""
+    return Overrides(
+        seed=options.seed,
+        clock=options.clock,
+        plant=options.plant,
+        algorithm=options.algorithm,
+        topology=options.topology,
+    )
 
 
 def read_run(folder: Path) -> Run:
@@ -126,7 +125,7 @@ def read_run(folder: Path) -> Run:
     """
     run = Run.read(folder)
     for gap in run.gaps:
-        print(f"agentd: note: {gap}", file=sys.stderr)
+        print_note(gap)
     return run
 
 
@@ -162,7 +161,7 @@ def consult_oracle(runs: Sequence[Run]) -> "list[Oracle]":
     try:
         return [consult(run) for run in runs]
     except NoOracle as error:
-        print(f"agentd: note: --oracle: {error}", file=sys.stderr)
+        print_note(f"--oracle: {error}")
         return []
 
 
@@ -183,3 +182,8 @@ def print_wide(output: IO[str], *what: "RenderableType") -> None:
     console = Console(file=output)
     console = console if console.is_terminal else Console(file=output, width=WIDTH)
     console.print(*what, sep="\n", highlight=False)
+
+
+def print_note(text: str) -> None:
+    """Print a note on standard error."""
+    print(f"agentd: note: {text}", file=sys.stderr)

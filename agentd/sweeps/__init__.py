@@ -1,1 +1,1 @@
-"""Variants of a fleet run one after another or in parallel, and compared."""
+"""Variants of a fleet, run one after the other and compared, or simulated in parallel with many seeds."""

@@ -1,4 +1,4 @@
-"""Variants of one fleet, run one after the other and put side by side."""
+"""``agentd compare``: run variants of a fleet one after the other, and put the runs side by side."""
 
 import json
 import re
@@ -9,27 +9,26 @@ from pathlib import Path
 
 from agentd.results.report import write_comparison
 from agentd.results.scores import scores, scores_table, write_csv
-from agentd.run_and_report import launch_with_progress, print_wide, simulate_into
+from agentd.run_and_report import launch_with_progress, overrides_of, print_note, print_wide, simulate_into
 from agentd.run_directory import new_folder, new_run_folder
-from agentd.sweeps.variants import Variant, load_all, variants
-from dcf_zenoh import config
-from dcf_zenoh.config import LoadedFleet, Overrides
+from agentd.sweeps.variants import Variant, VariedFleet, load_all, variants
+from dcf_zenoh.config import LoadedFleet
 from dcf_zenoh.configuration.building.problem_and_plant import plant_classes
 from dcf_zenoh.errors import ConfigurationError, DcfError, Interrupted
 from dcf_zenoh.records.run import Run
 
-MOST = 12  # variants that can still be told apart side by side
+LIMIT = 12  # of variants, so that they can be distinguished in a figure
 
 
 @dataclass(frozen=True)
 class VariantOutcome:
-    """What came of one variant.
+    """Run of one variant, or why there is none.
 
     Attributes:
-        variant: The variant.
-        folder: Its run directory.
+        variant: Variant of the fleet.
+        folder: Run directory.
         run: The run; None if it failed.
-        failure: Why it failed, in one line.
+        failure: Why the run failed, in one line; empty if it did not.
     """
 
     variant: Variant
@@ -39,26 +38,27 @@ class VariantOutcome:
 
 
 def compare_variants(options: Namespace) -> int:
-    """Run all variants that the command line asks for, and say what came of them; the exit code.
+    """Execute the command; return its exit code, 1 if a variant failed.
 
     Raises:
-        ConfigurationError: A variant is not usable. Nothing has run.
+        ConfigurationError: A variant cannot be used. No run has begun.
         RecordingError: The directory cannot be written.
     """
-    chosen = variants(options.vary, MOST)
+    varied = VariedFleet(options.fleet, overrides_of(options), tuple(options.set))
+    chosen = variants(options.vary, LIMIT)
     if len(chosen) < 2:
         raise ConfigurationError("--vary: one variant alone; give at least two values, such as plant=point,twin")
-    fleets = load_all(chosen, lambda variant: _load(variant, options))
+    fleets = load_all(chosen, lambda variant: _load(varied, variant, options))
     for note in dict.fromkeys(note for fleet in fleets for note in fleet.notes):
-        print(f"agentd: note: {note}", file=sys.stderr)
+        print_note(note)
     name = fleets[0].spec.name
     folder = new_folder(f"compare-{name}", options.out)
     outcomes = []
     for number, (variant, fleet) in enumerate(zip(chosen, fleets, strict=True), start=1):
         if not options.json:
             print(f"agentd: {number} of {len(chosen)}: {variant.name}", file=sys.stderr)
-        place = folder / f"{number:02}-{re.sub(r'[^A-Za-z0-9_.]+', '-', variant.name).strip('-')[:60]}"
-        outcomes.append(_outcome(variant, fleet, new_run_folder(fleet.spec, place), options))
+        run_folder = folder / f"{number:02}-{re.sub(r'[^A-Za-z0-9_.]+', '-', variant.name).strip('-')[:60]}"
+        outcomes.append(_run_variant(variant, fleet, new_run_folder(fleet.spec, run_folder), options))
     rows = [
         {"variant": each.variant.name, "run": str(each.folder), "failed": each.failure or None, **scores(each.run)}
         for each in outcomes
@@ -74,35 +74,22 @@ def compare_variants(options: Namespace) -> int:
     return 1 if any(outcome.failure for outcome in outcomes) else 0
 
 
-def _load(variant: Variant, options: Namespace) -> LoadedFleet:
-    """The fleet of a variant, on the clock that it will have."""
-
-    def load(clock: str | None) -> LoadedFleet:
-        return config.load(
-            options.fleet,
-            Overrides(
-                seed=options.seed,
-                clock=clock,
-                plant=variant.choice("plant") or options.plant,
-                algorithm=variant.choice("algorithm") or options.algorithm,
-                topology=options.topology,
-            ),
-            changes=[*options.set, *variant.changes],
-        )
-
-    fleet = load(options.clock or (None if options.launch else "wall"))
-    if options.clock or options.launch or _moves_really(fleet):
+def _load(varied: VariedFleet, variant: Variant, options: Namespace) -> LoadedFleet:
+    """Load a variant with the clock of its run: virtual time, unless options or a real plant ask for another."""
+    seed = options.seed
+    fleet = varied.load(variant, clock=options.clock or (None if options.launch else "wall"), seed=seed)
+    if options.clock or options.launch or _has_real_plant(fleet):
         return fleet
-    return load("virtual")
+    return varied.load(variant, clock="virtual", seed=seed)
 
 
-def _moves_really(fleet: LoadedFleet) -> bool:
-    """Whether any plant in use moves in the real world."""
+def _has_real_plant(fleet: LoadedFleet) -> bool:
+    """Return whether a plant in use is real."""
     return any(plant.real for plant in plant_classes(fleet.spec, fleet.folder))
 
 
-def _outcome(variant: Variant, fleet: LoadedFleet, folder: Path, options: Namespace) -> VariantOutcome:
-    """Run one variant, and read what it left."""
+def _run_variant(variant: Variant, fleet: LoadedFleet, folder: Path, options: Namespace) -> VariantOutcome:
+    """Run one variant."""
     try:
         if options.launch or fleet.spec.time.clock == "wall":
             launch_with_progress(fleet, folder, quiet=options.json, yes=options.yes)

@@ -1,4 +1,4 @@
-"""The directory of a sweep: what is swept, and one file for every run that is finished."""
+"""The directory of a sweep: the plan of the sweep, and one file for every finished run."""
 
 import hashlib
 import json
@@ -21,9 +21,9 @@ class Task(NamedTuple):
     """One run of a sweep.
 
     Attributes:
-        number: Of the variant, from 1.
-        variant: The variant.
-        seed: The seed.
+        number: Number of the variant, from 1.
+        variant: Variant of the fleet.
+        seed: Seed of the fleet.
     """
 
     number: int
@@ -32,15 +32,15 @@ class Task(NamedTuple):
 
     @property
     def name(self) -> str:
-        """What its files are called."""
+        """Name of the run's files."""
         return f"{self.number:03}-seed-{self.seed}"
 
 
 class SweepFolder:
-    """Where a sweep is recorded; an interrupted one goes on where it was left.
+    """The record of a sweep, with which an interrupted sweep can be continued.
 
     Attributes:
-        path: The directory.
+        path: Path of the directory.
     """
 
     def __init__(self, path: Path) -> None:
@@ -48,38 +48,42 @@ class SweepFolder:
 
     @classmethod
     def open(cls, out: Path | None, plan: Mapping[str, Any]) -> "SweepFolder":
-        """The directory of the sweep that `plan` describes: a new one, or `out` if that sweep was begun there.
+        """Open the directory of the sweep with this plan.
+
+        Args:
+            out: Directory of the sweep if it was begun before, or a directory to begin it in; None for a new one.
+            plan: Plan of the sweep, see `plan_of`.
 
         Raises:
-            RecordingError: There is something else in it, or it cannot be written or read.
+            RecordingError: `out` holds something else, or cannot be written or read.
         """
         if out is not None and (out / PLAN).is_file():
-            there = _read(out / PLAN)
-            if there is None:
+            recorded = _read(out / PLAN)
+            if recorded is None:
                 raise RecordingError(f"{out / PLAN}: cannot be read; choose another directory with --out")
-            other = next((key for key in {**plan, **there} if plan.get(key) != there.get(key)), None)
+            other = next((key for key in {**plan, **recorded} if plan.get(key) != recorded.get(key)), None)
             if other is not None:
-                why = _contrast(other, there, plan)
+                why = _difference(other, recorded, plan)
                 raise RecordingError(f"{out}: another sweep is in it ({why}); choose another directory with --out")
             return cls(out)
         folder = cls(new_folder(f"sweep-{plan['name']}", out))
         folder._write(folder.path / PLAN, plan)
         return folder
 
-    def row(self, task: Task) -> Row | None:
-        """What came of a run; None if it has not been finished."""
+    def read_row(self, task: Task) -> Row | None:
+        """Return the row of a run; None if the run is not finished."""
         return _read(self._file(task))
 
-    def keep(self, task: Task, row: Row) -> None:
-        """Write down what came of a run, whole or not at all.
+    def write_row(self, task: Task, row: Row) -> None:
+        """Record the row of a finished run atomically.
 
         Raises:
             RecordingError: It cannot be written.
         """
         self._write(self._file(task), row)
 
-    def run(self, task: Task) -> Path:
-        """The directory of a run that is kept."""
+    def run_folder(self, task: Task) -> Path:
+        """Return the run directory of a run that is kept."""
         return self.path / "runs" / task.name
 
     def _file(self, task: Task) -> Path:
@@ -96,38 +100,46 @@ class SweepFolder:
             raise RecordingError(f"{file}: cannot be written: {error.strerror}") from error
 
 
-def plan_of(variants: Sequence[Variant], fleets: Sequence[LoadedFleet], **more: Any) -> Row:
-    """What makes a sweep what it is: the variants, what a run of each depends on, and whatever else is given."""
+def plan_of(variants: Sequence[Variant], fleets: Sequence[LoadedFleet], *, seeds: Sequence[int], oracle: bool) -> Row:
+    """Return the plan of a sweep: everything that its table depends on.
+
+    Args:
+        variants: Variants of the sweep.
+        fleets: Fleet of each variant.
+        seeds: Seeds of each variant.
+        oracle: Whether decisions are compared with those of a central solver.
+    """
     return {
         "name": fleets[0].spec.name,
         "version": dcf_zenoh.__version__,
         "vary": [variant.name for variant in variants],
-        **more,
+        "seeds": list(seeds),
+        "oracle": oracle,
         "fleets": [_fingerprint(fleet) for fleet in fleets],
     }
 
 
 def _fingerprint(fleet: LoadedFleet) -> str:
-    """SHA-256 over the resolved fleet file and the plug-ins that it names."""
+    """Return the SHA-256 of the resolved fleet file and the plug-ins that it names."""
     with TemporaryDirectory() as folder:
         freeze(fleet, Path(folder))
         files = [Path(folder) / name for name in ("fleet.toml", "plugins.json")]
         return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()
 
 
-def _contrast(key: str, there: Mapping[str, Any], wanted: Mapping[str, Any]) -> str:
-    """In what two sweeps differ."""
+def _difference(key: str, recorded: Mapping[str, Any], wanted: Mapping[str, Any]) -> str:
+    """Describe how two plans differ in `key`."""
     if key == "fleets":
         return "the fleet file, a plug-in, or what --set and other options say is not the same"
     if key == "vary":
         return "what it varies is not the same"
-    return f"its {key}: {json.dumps(there.get(key))}, not {json.dumps(wanted.get(key))}"
+    return f"its {key}: {json.dumps(recorded.get(key))}, not {json.dumps(wanted.get(key))}"
 
 
 def _read(file: Path) -> Row | None:
-    """A JSON object; None if there is none, or not a whole one."""
+    """Read a JSON object; return None if there is no file, or no complete object in it."""
     try:
-        found = json.loads(file.read_text(encoding="utf-8"))
+        content = json.loads(file.read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return None
-    return found if isinstance(found, dict) else None
+    return content if isinstance(content, dict) else None

@@ -1,4 +1,4 @@
-"""How far a sweep is, on standard error."""
+"""Progress of a sweep, on standard error."""
 
 import time
 from types import TracebackType
@@ -11,17 +11,17 @@ from agentd.launcher.progress import LINE_PERIOD
 
 
 class SweepProgress:
-    """A bar on a terminal, a line now and then elsewhere.
+    """Shows progress as a bar on a terminal, elsewhere as a line every `LINE_PERIOD`.
 
     Args:
-        total: Runs of the sweep.
-        done: Those that were there before.
-        quiet: Say only what goes wrong.
+        total: Number of runs.
+        finished: Number of runs that were finished before.
+        quiet: Print messages only.
     """
 
-    def __init__(self, total: int, done: int, *, quiet: bool) -> None:
+    def __init__(self, total: int, finished: int, *, quiet: bool) -> None:
         self._console = Console(stderr=True)
-        self._total, self._done, self._before = total, done, done
+        self._total, self._finished, self._before = total, finished, finished
         self._lines = not (quiet or self._console.is_terminal)
         self._began = self._last_line = time.monotonic()
         self._bar = Progress(
@@ -29,12 +29,12 @@ class SweepProgress:
             TimeRemainingColumn(), console=self._console, transient=True,
             disable=quiet or not self._console.is_terminal,
         )  # fmt: skip
-        self._task = self._bar.add_task("runs", total=total, completed=done)
+        self._task = self._bar.add_task("runs", total=total, completed=finished)
 
     def __enter__(self) -> Self:
         self._bar.start()
-        if self._lines and self._done:
-            self._console.print(f"{self._done} of {self._total} runs were there already", highlight=False)
+        if self._lines and self._finished:
+            self._console.print(f"{self._finished} of {self._total} runs were there already", highlight=False)
         return self
 
     def __exit__(
@@ -42,16 +42,16 @@ class SweepProgress:
     ) -> None:
         self._bar.stop()
 
-    def say(self, line: str) -> None:
-        """Print a line that stays."""
+    def message(self, line: str) -> None:
+        """Print a line above the bar."""
         self._console.print(f"agentd: {line}", markup=False, highlight=False, soft_wrap=True)
 
-    def done(self) -> None:
-        """One run more."""
-        self._done += 1
-        self._bar.update(self._task, completed=self._done)
+    def run_finished(self) -> None:
+        """Count one more finished run."""
+        self._finished += 1
+        self._bar.update(self._task, completed=self._finished)
         now = time.monotonic()
-        if self._lines and (now - self._last_line >= LINE_PERIOD or self._done == self._total):
+        if self._lines and (now - self._last_line >= LINE_PERIOD or self._finished == self._total):
             self._last_line = now
-            left = (now - self._began) / (self._done - self._before) * (self._total - self._done)
-            self._console.print(f"{self._done} of {self._total} runs, about {left:.0f} s left", highlight=False)
+            left = (now - self._began) / (self._finished - self._before) * (self._total - self._finished)
+            self._console.print(f"{self._finished} of {self._total} runs, about {left:.0f} s left", highlight=False)

@@ -1,4 +1,4 @@
-"""Work spread over processes of this machine, which end when they are told to."""
+"""Tasks distributed over processes of this machine, which all end with the iteration over the results."""
 
 import gc
 import multiprocessing
@@ -13,51 +13,51 @@ from typing import Any, Generic, TypeVar
 
 from threadpoolctl import threadpool_limits
 
-TERM = 0.5  # s until a process that ignores SIGTERM is killed
-_SPAWN = multiprocessing.get_context("spawn")  # not fork: there may be threads, and a parent's libraries half set up
+TERM = 0.5  # s between SIGTERM and SIGKILL
+_SPAWN = multiprocessing.get_context("spawn")  # a fork would copy threads' locks and half-initialised libraries
 T = TypeVar("T")
 R = TypeVar("R")
 
 
 class WorkerDied(RuntimeError):
-    """A process ended in the middle of its work; the message says how."""
+    """A process ended while it worked on a task; the message says how."""
 
 
 @dataclass
 class _Worker(Generic[T]):
-    """One process.
+    """A worker process.
 
     Attributes:
         process: The process.
-        line: To it and from it.
-        task: Number of the task it is at; None: none.
+        pipe: Connection for tasks and results.
+        task: Index of the task that the process works on; None if it is idle.
     """
 
     process: SpawnProcess
-    line: Connection
+    pipe: Connection
     task: int | None = None
 
     @classmethod
     def start(cls, work: Callable[[T], Any]) -> "_Worker[T]":
-        """Start one that does not hear Ctrl-C, which goes to all processes of a terminal: its parent ends it."""
+        """Start a process that ignores SIGINT: a terminal sends it to all its processes, and the parent ends them."""
         ours, theirs = _SPAWN.Pipe()
         process = _SPAWN.Process(target=_serve, args=(work, theirs), daemon=True)
-        before = signal.signal(signal.SIGINT, signal.SIG_IGN)  # so from its first instruction on
+        before = signal.signal(signal.SIGINT, signal.SIG_IGN)  # inherited, so it holds from the first instruction on
         try:
             process.start()
         finally:
             signal.signal(signal.SIGINT, before)
-        theirs.close()  # so that its end is the end of the line
+        theirs.close()  # so that the pipe closes when the process ends
         return cls(process, ours)
 
-    def give(self, number: int, task: T) -> None:
-        """Let it work."""
-        self.task = number
-        with suppress(OSError):  # it has died; its line will say so
-            self.line.send(task)
+    def assign(self, index: int, task: T) -> None:
+        """Send a task to the process."""
+        self.task = index
+        with suppress(OSError):  # the process has died, which reading its result will show
+            self.pipe.send(task)
 
-    def how_it_ended(self) -> str:
-        """In words."""
+    def exit_text(self) -> str:
+        """Describe how the process ended."""
         self.process.join(TERM)
         code = self.process.exitcode
         if code is not None and code < 0:
@@ -65,40 +65,42 @@ class _Worker(Generic[T]):
         return f"its process ended with exit code {code}"
 
 
-def spread(work: Callable[[T], R], tasks: Sequence[T], processes: int) -> Generator[tuple[int, R | WorkerDied]]:
-    """Do `work` for every task, in several processes; results in the order in which they come.
+def run_in_processes(
+    work: Callable[[T], R], tasks: Sequence[T], processes: int
+) -> Generator[tuple[int, R | WorkerDied]]:
+    """Call `work` for every task in several processes; yield results in the order in which they are ready.
 
-    However the iteration ends, with it all processes do, within `TERM` and a little.
+    All processes end when the generator ends or is closed, at most about `TERM` later. A process that dies is replaced.
 
     Args:
         work: A function of a module. It must not raise.
-        tasks: What can be pickled.
-        processes: How many, at most.
+        tasks: Arguments for `work`. They are pickled.
+        processes: Maximum number of processes.
 
     Yields:
-        Number of the task, and its result; `WorkerDied` if the process did not live to tell.
+        Index of the task, and its result; `WorkerDied` if its process ended before the result.
     """
-    left = deque(enumerate(tasks))
+    waiting = deque(enumerate(tasks))
     workers: list[_Worker[T]] = []
     try:
-        for _ in range(min(processes, len(left))):
+        for _ in range(min(processes, len(waiting))):
             workers.append(_Worker.start(work))
-            workers[-1].give(*left.popleft())
+            workers[-1].assign(*waiting.popleft())
         while busy := [worker for worker in workers if worker.task is not None]:
-            ready = wait([worker.line for worker in busy])
-            for worker in (each for each in busy if each.line in ready):
+            ready = wait([worker.pipe for worker in busy])
+            for worker in (each for each in busy if each.pipe in ready):
                 assert worker.task is not None
-                number, worker.task = worker.task, None
+                index, worker.task = worker.task, None
                 try:
-                    result: R | WorkerDied = worker.line.recv()
+                    result: R | WorkerDied = worker.pipe.recv()
                 except (EOFError, OSError):
-                    result = WorkerDied(worker.how_it_ended())
+                    result = WorkerDied(worker.exit_text())
                     workers.remove(worker)
-                    if left:
+                    if waiting:
                         workers.append(worker := _Worker.start(work))
-                if left:
-                    worker.give(*left.popleft())
-                yield number, result
+                if waiting:
+                    worker.assign(*waiting.popleft())
+                yield index, result
     finally:
         _end(workers)
 
@@ -111,16 +113,16 @@ def _end(workers: Sequence[_Worker[Any]]) -> None:
         if worker.process.is_alive():
             worker.process.kill()
             worker.process.join()
-        worker.line.close()
+        worker.pipe.close()
 
 
-def _serve(work: Callable[[T], Any], line: Connection) -> None:
-    """Do what comes over the line until it closes."""
-    gc.freeze()  # modules above all, which the collector need not look through again and again
+def _serve(work: Callable[[T], Any], pipe: Connection) -> None:
+    """Answer each task from the pipe with its result, until the pipe closes."""
+    gc.freeze()  # so that the garbage collector skips everything imported
     with threadpool_limits(1):
         while True:
             try:
-                task = line.recv()
+                task = pipe.recv()
             except (EOFError, OSError):
                 return
-            line.send(work(task))
+            pipe.send(work(task))

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from agentd.cli import main
-from agentd.sweeps.workers import WorkerDied, spread
+from agentd.sweeps.workers import WorkerDied, run_in_processes
 from tests.support.command_line import Answer
 from tests.support.waiting import until
 
@@ -98,7 +98,7 @@ def double(number: int) -> int:
 
 
 def test_work_comes_back_with_its_number_and_a_death_costs_one_task() -> None:
-    found = dict(spread(double, range(8), 2))
+    found = dict(run_in_processes(double, range(8), 2))
     dead = found.pop(3)
     assert isinstance(dead, WorkerDied)
     assert str(dead) == "its process was ended by SIGKILL"
