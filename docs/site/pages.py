@@ -1,13 +1,15 @@
 """Pages of the site that are generated when it is built, so that they cannot go stale.
 
 MkDocs calls the functions ``on_*`` as a hook (mkdocs.yml). They add a page for each group of plug-ins with the keys of
-every kind, a page for each Python package, the contribution guide and the changelog.
+every kind, a page for each Python package, and the documents that are not in this folder.
 """
 
 import hashlib
+import posixpath
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import is_dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, get_args
 
@@ -17,12 +19,14 @@ from mkdocs.exceptions import PluginError as BuildError
 from mkdocs.structure.files import File, Files
 
 from dcf_zenoh.diagnostics import show, type_name
+from dcf_zenoh.layouts import LAYOUTS
 from dcf_zenoh.plugins import GROUPS, REQUIRED, Parameter, accepted, known, load
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
 PACKAGES = ("dcf_zenoh", "agentd", "plants", "topologies")
-COPIED = {"CONTRIBUTING.md": "contributing.md", "CHANGELOG.md": "changelog.md", "README.md": "index.md"}
+COPIED = {"CONTRIBUTING.md": "contributing.md", "CHANGELOG.md": "changelog.md", "examples/README.md": "examples.md"}
+PLACES = {**COPIED, "README.md": "index.md", "examples": "examples.md"}  # where links lead on the site
 MERMAID = re.compile(r"^```mermaid\n(.*?)^```$", re.M | re.S)
 LINK = re.compile(r"\]\((?!https?:|#|mailto:)([^)#\s]*)((?:#[^)\s]*)?)\)")
 
@@ -31,7 +35,7 @@ def on_config(config: MkDocsConfig) -> MkDocsConfig:
     """Fill the empty entries of the navigation."""
     decisions = sorted(DOCS.glob("decisions/[0-9]*.md"))
     generated = {
-        "Kinds and their keys": [f"reference/kinds/{group}.md" for group in GROUPS],
+        "Kinds and their keys": [f"reference/kinds/{group}.md" for group in groups()],
         "Packages": [{package: f"reference/packages/{package}.md"} for package in packages()],
         "Decisions": ["decisions/README.md", *(f"decisions/{path.name}" for path in decisions)],
     }
@@ -45,31 +49,34 @@ def on_config(config: MkDocsConfig) -> MkDocsConfig:
 
 def on_files(files: Files, *, config: MkDocsConfig) -> Files:
     """Add the generated pages."""
-    for group in GROUPS:
+    for group in groups():
         files.append(File.generated(config, f"reference/kinds/{group}.md", content="\n".join(kinds(group))))
     for package, path in packages().items():
         content = "\n".join(package_page(package, path))
         files.append(File.generated(config, f"reference/packages/{package}.md", content=content))
     for source, target in COPIED.items():
-        if source != "README.md":
-            content = (ROOT / source).read_text(encoding="utf-8")
-            content = LINK.sub(lambda link: f"]({from_root(link[1])}{link[2]})", content)
-            files.append(File.generated(config, target, content=content))
+        content = (ROOT / source).read_text(encoding="utf-8")
+        content = LINK.sub(partial(redirected, folder=posixpath.dirname(source)), content)
+        files.append(File.generated(config, target, content=content))
     return files
 
 
 def on_page_markdown(markdown: str, *, page: Any, config: MkDocsConfig, files: Files) -> str:  # noqa: ARG001
     """Turn links that lead out of the folder of documents inwards, and diagrams into pictures."""
-    above = "../" * page.file.src_uri.count("/")
-    outside = re.compile(rf"\]\({re.escape(above)}\.\./([^)#\s]*)((?:#[^)\s]*)?)\)")
-    markdown = outside.sub(lambda link: f"]({above}{from_root(link[1])}{link[2]})", markdown)
-    markdown = re.sub(r"\[([^\]]*)\]\((?:\.\./)*outside:[^)]*\)", r"\1", markdown)
-    return MERMAID.sub(lambda block: f"![Diagram]({above}{picture(block[1], page.file.src_uri)})", markdown)
+    source = page.file.src_uri
+    above = "../" * source.count("/")
+    outside = re.compile(rf"\[[^\]]*\]\({re.escape(above)}\.\./[^)]*\)")
+    inward = partial(redirected, folder=posixpath.dirname(f"docs/{source}"), above=above)
+    markdown = outside.sub(lambda link: LINK.sub(inward, link[0]), markdown)
+    markdown = re.sub(r"\[([^\]]*)\]\([./]*outside:[^)]*\)", r"\1", markdown)
+    return MERMAID.sub(lambda block: f"![Diagram]({above}{picture(block[1], source)})", markdown)
 
 
-def from_root(path: str) -> str:
-    """Return where a file of the repository is on the site; a file that is not gets the scheme ``outside:``."""
-    return COPIED.get(path) or (path.removeprefix("docs/") if path.startswith("docs/") else f"outside:{path}")
+def redirected(link: re.Match[str], folder: str, above: str = "") -> str:
+    """Return the end of a link of a document in `folder` for the site; a file that is not on it is ``outside:``."""
+    path = posixpath.normpath(posixpath.join(folder, link[1]))
+    place = PLACES.get(path) or (path.removeprefix("docs/") if path.startswith("docs/") else f"outside:{path}")
+    return f"]({above}{place}{link[2]})"
 
 
 def picture(diagram: str, page: str) -> str:
@@ -101,13 +108,24 @@ def package_page(package: str, path: Path) -> Iterator[str]:
         yield f"::: {package}.{module.stem}\n"
 
 
+def groups() -> tuple[str, ...]:
+    """Return the groups of kinds: plug-ins, and layouts."""
+    return (*GROUPS, "layouts")
+
+
+def members(group: str) -> dict[str, Callable[..., Any]]:
+    """Return the kinds of a group by name."""
+    return dict(LAYOUTS) if group == "layouts" else {name: load(group, name, Path()) for name in sorted(known(group))}
+
+
 def kinds(group: str) -> Iterator[str]:
     """Yield the lines of a page that lists the kinds of a group with their keys."""
     yield f"# {group.capitalize()}\n"
-    yield "This page is generated from the plug-ins: the keyword-only arguments of a signature are the keys of a kind."
-    yield f"`agentd plugins {group}` prints the keys in a terminal.\n"
-    for name in sorted(known(group)):
-        plugin = load(group, name, Path())
+    yield "This page is generated from the code: the keyword-only arguments of a signature are the keys of a kind."
+    if group != "layouts":
+        yield f"`agentd plugins {group}` prints the keys in a terminal."
+    yield ""
+    for name, plugin in members(group).items():
         sections = Docstring(plugin.__doc__ or "", lineno=1).parse("google", warnings=False)
         texts = [each.value for each in sections if each.kind is DocstringSectionKind.text]
         yield f"## {name}\n\n`{plugin.__module__}`: {escaped(texts[0]) if texts else ''}\n"
