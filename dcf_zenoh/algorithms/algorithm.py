@@ -36,9 +36,17 @@ class PerNeighbour:
 class Inbox(Mapping[int, Payload]):
     """Payloads of the in-neighbours in one round: neighbour -> payload, ascending by id.
 
-    If a neighbour's message is not received in time, the neighbour keeps its last payload of this step as held value
-    (`fresh` is false). If there is none, or the fleet file has ``missing = "absent"``, the neighbour is not in the
-    mapping but in `missing`. A held value never outlives a change of the payload's names.
+    If a neighbour's message is not received in time, its last payload of this step stands in, as held value (`fresh` is
+    false). If there is none, or the fleet file has ``missing = "absent"``, the neighbour is in `missing` and not in the
+    mapping. A held value never outlives a change of the payload's names.
+
+    Args:
+        own: The attribute.
+        payloads: The attribute.
+        stop: The attribute.
+        ages: Neighbour -> rounds since it sent its payload; 0 for a neighbour that is not in it.
+        news: Neighbours whose payload is in an inbox for the first time; None: those with age 0.
+        missing: The attribute.
 
     Attributes:
         own: The agent's own payload of this round, as the neighbours receive it.

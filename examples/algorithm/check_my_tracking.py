@@ -23,10 +23,10 @@ def games():
 
 
 def check():
-    # 1. The contract: it stops when told, bears missing neighbours, changes nothing it received, is repeatable.
+    # 1. The contract: it stops on inbox.stop, accepts missing neighbours, modifies no payload and is repeatable.
     check_algorithm(my_tracking, games, ring)
 
-    # 2. The answer: all agents find what a central solver finds that sees all games at once.
+    # 2. The answer: all agents find the solution of a central solver, which has the games of all.
     found = lockstep(partial(my_tracking, step=0.05), games(), fleet_of(ring), rounds=1000)
     central = solve_together({i: game.share() for i, game in games().items()})
     return max(abs(found[i].decision - central[i]).max() for i in starts)

@@ -1,4 +1,4 @@
-"""A radio with time slots: each sender has to wait for its own (TDMA)."""
+"""A radio with time slots (TDMA): a message waits for a slot of its sender."""
 from dcf_zenoh.faults.fault import Fault, Stage
 
 
@@ -20,10 +20,10 @@ class TimeSlots(Fault):
         self.slot = round(slot * 1e9)  # ns, as all times of messages
         self.frame = count * self.slot
         self.offset = sender % count * self.slot
-        self.free = 0  # from then on a slot is free, ns
+        self.free = 0  # earliest instant for the next message, ns
 
     def apply(self, delivery, rng):
-        """Put the message off until a slot of its sender begins in which no other message leaves."""
+        """Delay the message until the next free slot of its sender begins."""
         ready = max(delivery.due, self.free)
         due = ready + (self.offset - ready) % self.frame
         self.free = due + 1

@@ -1,4 +1,4 @@
-"""A boat: it pushes itself through water that slows it down."""
+"""A boat: thrust in every direction, and water that slows it down."""
 import numpy as np
 
 from dcf_zenoh.plant import Plant, State, read_only
@@ -7,12 +7,12 @@ from dcf_zenoh.plant import Plant, State, read_only
 class Boat(Plant):
     """Point mass with linear drag, integrated exactly: dv/dt = input - v / time_constant.
 
-    The input saturates, so the boat is no faster than accel_max * time_constant. Told to rest, it stops its engine and
-    drifts until the drag has stopped it.
+    The input saturates, so no component of the speed exceeds accel_max * time_constant. To come to rest, the boat stops
+    its engine and drifts until the drag has stopped it.
 
     Args:
-        start: Start position, shape (d,), m; filled in from the fleet file's agents.
-        time_constant: How long the boat keeps most of its speed, s.
+        start: Start position, shape (d,), m; from [agents.ID] of the fleet file.
+        time_constant: Time in which the drag reduces the speed to 1/e, s.
         accel_max: Bound on each component of the input, m/s².
     """
 
@@ -28,14 +28,14 @@ class Boat(Plant):
     def sense(self, now):
         """Exact state at `now`, ns."""
         T, t = self.time_constant, (now - self.now) * 1e-9
-        limit, left = self.input * T, np.exp(-t / T)  # the speed that it tends to; what is left of the rest
+        limit, left = self.input * T, np.exp(-t / T)  # final velocity; factor of the deviation from it
         self.position = self.position + limit * t + (self.velocity - limit) * T * (1 - left)
         self.velocity = limit + (self.velocity - limit) * left
         self.now = now
         return State(read_only(self.position), read_only(self.velocity))
 
     def act(self, setpoint, now):
-        """Push with the setpoint's acceleration and against the drag at the speed of now; none: drift."""
+        """Accelerate as the setpoint asks, and compensate the present drag; without an acceleration: drift."""
         state = self.sense(now)
         if setpoint.acceleration is None:
             self.input = np.zeros_like(self.position)

@@ -1,4 +1,4 @@
-"""Where is the beacon? Each agent sees it in one direction; together they find the place."""
+"""Where is the beacon? Each agent measures one bearing; together they find the place."""
 import numpy as np
 
 from dcf_zenoh.problems.problem import ConsensusProblem
@@ -7,12 +7,12 @@ from dcf_zenoh.problems.problem import ConsensusProblem
 class Bearing(ConsensusProblem):
     """One agent's squared distance to the line along which it sees the beacon, f(x) = weight / 2 (n'(x - place))².
 
-    n is the normal of the line. One bearing leaves the place open along the line, so f is not strongly convex.
+    n is the normal of the line. f is constant along the line, so it is not strongly convex.
 
     Args:
         place: Where the agent stands, [x, y], m.
-        bearing: Direction in which it sees the beacon, degrees from the x axis.
-        weight: How much the bearing is trusted.
+        bearing: Direction of the beacon, degrees from the x axis.
+        weight: Weight of this bearing; larger for a better sensor.
     """
 
     size = 2

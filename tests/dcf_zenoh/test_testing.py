@@ -1,4 +1,4 @@
-"""The contract checks pass what keeps the contract, built-in kinds first, and find what breaks it."""
+"""The contract checks pass kinds that keep the contract, built-in ones among them, and find those that break it."""
 
 from collections.abc import Mapping
 from functools import partial
@@ -114,7 +114,7 @@ def test_the_built_in_plants_keep_the_contract() -> None:
 
 
 class Drifting(Plant):
-    """Moves whenever it is looked at."""
+    """Moves with every measurement."""
 
     def __init__(self) -> None:
         self.looks = 0

@@ -61,7 +61,7 @@ def test_a_market_finds_its_closed_form(topology: str) -> None:
 
 @pytest.mark.parametrize("loss", [0.2, 0.5])
 @pytest.mark.parametrize("topology", TOPOLOGIES)
-def test_lost_messages_only_make_it_later(topology: str, loss: float) -> None:
+def test_lost_messages_only_delay_it(topology: str, loss: float) -> None:
     games, answers = moment(1, AGENTS)
     assert course(admm_mpc, games, graph(topology), answers, 900, links=lossy(3, loss)).error < 1e-6
 
@@ -75,7 +75,7 @@ def test_the_swap_arrives_although_every_fifth_message_is_lost() -> None:
 
 
 @pytest.mark.parametrize("topology", TOPOLOGIES)
-def test_nobody_tells_its_cost_and_all_tell_the_rest(topology: str) -> None:
+def test_costs_stay_private_and_everything_else_is_shared(topology: str) -> None:
     games, _ = moment(0, AGENTS)
     network = graph(topology)
     fleet = fleet_of(network)
@@ -103,7 +103,7 @@ def test_nobody_tells_its_cost_and_all_tell_the_rest(topology: str) -> None:
 
 
 def aside(seed: int) -> tuple[dict[int, SwapGame], dict[int, Array]]:
-    """Agent 4 is lost, and the others go on."""
+    """Agent 4 is lost, and the others continue."""
     rng = np.random.default_rng(seed)
     places = {1: (0.0, 1.0), 2: (0.1, -1.0), 3: (1.0, 0.1), 4: (-0.3, -0.2)}
     states = {i: np.array([*place, *rng.normal(scale=0.2, size=2)]) for i, place in places.items()}
@@ -183,11 +183,11 @@ def test_a_solve_starts_from_the_one_before() -> None:
         return False
 
     lockstep(admm_mpc, games, fleet, 250, after_round=watch)
-    assert set(iterations[-20:]) == {5}  # settled: OSQP looks after 5 iterations, and is done
+    assert set(iterations[-20:]) == {5}  # settled: OSQP checks after 5 iterations, and has converged
     assert max(iterations) >= 20
 
 
-def test_no_way_to_keep_clear_is_said_in_one_line_with_the_solver_s_status() -> None:
+def test_infeasible_problem_is_an_error_of_one_line_with_the_solver_s_status() -> None:
     wall = ((0.0, 0.0, 0.5, 0.5),)  # ahead of agent 1, which is too fast to stop
     states = {1: np.array([0.55, 0.0, -6.0, 0.0]), 2: np.array([3.0, 3.0, 0.0, 0.0])}
     games = {i: PositionSwap(i, (1, 2), SAMPLE_TIME, target=(0.0, 0.0), obstacles=wall).at(states) for i in states}

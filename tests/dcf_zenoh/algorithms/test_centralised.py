@@ -82,25 +82,25 @@ def test_the_answer_is_everywhere_after_it_went_to_the_hub_and_back(hub: int) ->
     assert first == 2 * away
 
 
-def test_a_directed_graph_will_do() -> None:
+def test_a_directed_graph_is_enough() -> None:
     directed = Graph.of(AGENTS, ring(AGENTS, directed=True))
     results = lockstep(centralised, quadratic(), fleet_of(directed, weights="uneven"), 8)
     assert {round(result.decision[0], 8) for result in results.values()} == {1.0}
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_lost_messages_only_make_it_later(seed: int) -> None:
+def test_lost_messages_only_delay_it(seed: int) -> None:
     results = lockstep(centralised, allocation(), fleet_of(graph("path")), 60, links=lossy(seed, 0.5))
     for i, answer in each(4.0, 3.0, 1.5, 1.5).items():
         np.testing.assert_allclose(results[i].decision, answer, atol=1e-8)
 
 
-def test_who_has_no_answer_yet_stays_where_it_was() -> None:
+def test_an_agent_without_an_answer_keeps_its_last_decision() -> None:
     results = lockstep(centralised, quadratic(), fleet_of(graph("path")), 2)
     assert results[4].decision == [0.0]
 
 
-def test_what_cannot_be_is_said_with_the_solver_s_status() -> None:
+def test_infeasible_problem_is_an_error_with_the_solver_s_status() -> None:
     problems = {i: ResourceAllocation(AGENTS, demand=50.0, upper=4.0) for i in AGENTS}
     with pytest.raises(AlgorithmError, match="there is no solution: OSQP says primal infeasible"):
         lockstep(centralised, problems, fleet_of(graph("complete")), 5)
@@ -109,7 +109,7 @@ def test_what_cannot_be_is_said_with_the_solver_s_status() -> None:
         lockstep(centralised, apart, fleet_of(graph("complete")), 5)
 
 
-def test_a_cost_without_a_least_value_is_said_to_have_none() -> None:
+def test_a_cost_without_a_least_value_is_an_error() -> None:
     class Falling(Quadratic):
         """Its cost falls for ever."""
 
@@ -125,9 +125,9 @@ def test_a_hub_that_is_no_agent_is_refused() -> None:
         lockstep(partial(centralised, hub=7), quadratic(), fleet_of(graph("ring")), 1)
 
 
-def test_a_problem_that_cannot_be_told_as_arrays_is_refused() -> None:
+def test_a_problem_without_share_is_refused() -> None:
     class Untold:
-        """Has all that makes a consensus problem, but for share()."""
+        """A consensus problem without share()."""
 
         size = 1
 

@@ -1,4 +1,4 @@
-"""Every installed algorithm keeps the contract, on a path and with whoever missing."""
+"""Every installed algorithm keeps the contract, on a path and with any neighbours missing."""
 
 import re
 from collections.abc import Callable
@@ -53,7 +53,7 @@ def test_every_kind_keeps_the_contract(kind: str) -> None:
 
 
 @pytest.mark.parametrize("kind", sorted(known("algorithms")))
-def test_every_kind_says_what_it_needs_and_where_it_comes_from(kind: str) -> None:
+def test_every_kind_declares_its_needs_and_its_source(kind: str) -> None:
     algorithm = load("algorithms", kind, Path())
     assert needs_of(algorithm) is not None
     document = f"{algorithm.__doc__}{__import__(algorithm.__module__, fromlist=['_']).__doc__}"

@@ -1,4 +1,4 @@
-"""The first rounds are those of the papers, written again with matrices: limits alone would not tell a wrong sign."""
+"""The first rounds are those of the papers, written again with matrices: limits alone would not reveal a wrong sign."""
 
 from collections.abc import Callable
 from functools import partial
@@ -125,7 +125,7 @@ def by_dual_decomposition(rounds: int) -> Array:
 
 
 def by_admm_tracking_gradient(rounds: int) -> Array:
-    """As in the file, with an edge that counts once something came over it."""
+    """As in the file, with an edge that takes part once a message was received over it."""
     x, rho, alpha = np.zeros(4), 0.5, 0.9
     theta = np.stack((x, grad(x)))
     mean, q = theta.copy(), dict[tuple[int, int], Array]()
@@ -168,7 +168,7 @@ def by_tracking_admm(rounds: int) -> Array:
 
 
 def by_estimates(rounds: int) -> Array:
-    X = np.zeros((4, 4))  # row i: what agent i thinks that all do
+    X = np.zeros((4, 4))  # row i: agent i's estimates of all actions
     for _ in range(rounds):
         X = W @ X
         F = np.arange(1.0, 5.0) - 10 + X.sum(axis=1) + np.diag(X)
@@ -177,7 +177,7 @@ def by_estimates(rounds: int) -> Array:
 
 
 def by_admm_mpc(rounds: int) -> Array:
-    """After four rounds of telling each other their shares: J = sum_i f_i, and each pays a quarter of the coupling."""
+    """After four rounds in which the shares are flooded: J = sum_i f_i, and each pays a quarter of the coupling."""
     rho, alpha, z, x = 3.0, 0.9, {edge: np.zeros(4) for edge in EDGES}, np.zeros((4, 4))
     if rounds <= 4:
         return np.zeros(4)

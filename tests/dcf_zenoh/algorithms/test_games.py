@@ -33,7 +33,7 @@ def test_cournot_s_equilibrium_is_found_on_every_graph_at_a_linear_rate(algorith
     assert found.straightness < -0.99
 
 
-def test_players_who_see_all_actions_are_faster() -> None:
+def test_players_that_receive_all_actions_are_faster() -> None:
     found = course(pseudo_gradient, cournot(), graph("complete"), NASH, 300)
     assert found.error < 1e-10
     assert found.rate == pytest.approx(0.9, abs=1e-3)  # 1 - step, along the slowest direction
@@ -139,12 +139,12 @@ def test_random_markets_with_a_capacity_on_random_graphs(algorithm: Algorithm, s
         np.testing.assert_allclose(memory["lam"], lam, atol=1e-5)
 
 
-def test_seeing_all_actions_needs_a_link_from_everybody() -> None:
+def test_full_information_needs_a_link_from_every_player() -> None:
     with pytest.raises(AlgorithmError, match=r"needs every agent to hear all others; agent 1 hears \[2, 4\] of 3"):
         lockstep(pseudo_gradient, cournot(), fleet_of(graph("ring")), 1)
 
 
 @pytest.mark.parametrize("algorithm", [trades_primal, pseudo_gradient, pseudo_gradient_partial])
-def test_those_that_know_no_shared_constraints_refuse_them(algorithm: Algorithm) -> None:
+def test_algorithms_without_shared_constraints_refuse_them(algorithm: Algorithm) -> None:
     with pytest.raises(AlgorithmError, match="needs a game without shared constraints, which Cournot has not"):
         lockstep(algorithm, cournot(capacity=4.0), fleet_of(graph("complete")), 1)

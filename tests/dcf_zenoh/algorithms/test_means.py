@@ -15,7 +15,7 @@ from tests.support.answers import TOPOLOGIES, Problems, course, everywhere, grap
 from topologies.ring import ring
 
 FIVE = (1, 2, 3, 4, 5)
-CHORD = [*ring(FIVE, directed=True), (1, 3), (1, 4)]  # agent 1 has more listeners than the others
+CHORD = [*ring(FIVE, directed=True), (1, 3), (1, 4)]  # agent 1 has more out-neighbours than the others
 
 
 def values(seed: int, agents: tuple[int, ...] = FIVE) -> tuple[Problems, Array]:
@@ -55,7 +55,7 @@ def test_average_consensus_is_as_fast_as_the_second_eigenvalue_of_its_weights(to
     assert found.straightness < -0.99
 
 
-def test_average_consensus_is_done_after_one_round_where_all_hear_all() -> None:
+def test_average_consensus_takes_one_round_on_the_complete_graph() -> None:
     problems, mean = values(0)
     assert course(average_consensus, problems, graph("complete", FIVE), everywhere(mean, FIVE), 1).error < 1e-15
 

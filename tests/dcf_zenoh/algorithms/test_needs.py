@@ -98,7 +98,7 @@ def careful(problem: Any, me: Me, *, step: PositiveFloat = 0.1, share: Fraction 
 
 
 class Duck:
-    """No structure of ours, but all that makes a consensus problem."""
+    """Has all methods of a consensus problem, but derives from no structure."""
 
     size = 1
 
@@ -115,19 +115,19 @@ class Duck:
         return slope
 
 
-def test_an_algorithm_of_one_s_own_can_say_what_it_needs() -> None:
+def test_a_third_party_algorithm_can_declare_its_needs() -> None:
     assert needs_of(careful).links == "undirected"  # type: ignore[union-attr]
     with pytest.raises(AlgorithmError, match=r"careful: share must be in \(0, 1\], not 2"):
         lockstep(partial(careful, share=2.0), quadratic(), fleet_of(graph("ring")), 1)
     lockstep(partial(careful, share=None), quadratic(), fleet_of(graph("ring")), 1)
 
 
-def test_a_problem_that_has_all_methods_will_do_without_deriving_from_a_structure() -> None:
+def test_a_problem_with_all_methods_need_not_derive_from_a_structure() -> None:
     results = lockstep(careful, {i: Duck() for i in AGENTS}, fleet_of(graph("ring")), 1)
     assert results[1].decision == [7.0]
 
 
-def test_an_algorithm_that_says_nothing_is_not_restricted() -> None:
+def test_an_algorithm_without_declaration_is_not_restricted() -> None:
     def free(problem: object, me: Me) -> Dialogue[Result]:
         while not (yield {}, 0.0).stop:
             pass

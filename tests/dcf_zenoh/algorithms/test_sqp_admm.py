@@ -1,4 +1,4 @@
-"""Decentralised SQP finds what one solver finds in one place; and flies."""
+"""Decentralised SQP finds the solution of a central solver, in one step and in flight."""
 
 from collections.abc import Mapping
 from functools import partial
@@ -111,7 +111,7 @@ def test_the_true_constraints_hold_where_it_ends(topology: str) -> None:
     assert max(float(abs(near[i] - results[i].decision).max()) for i in AGENTS) < 1e-3  # not between two linearisations
 
 
-def test_lost_messages_only_make_it_later() -> None:
+def test_lost_messages_only_delay_it() -> None:
     games, answers = distance_moment(0, AGENTS)
     assert course(sqp_admm, games, graph("ring"), answers, 800, links=lossy(2, 0.3)).error < 1e-4
 
@@ -137,11 +137,11 @@ def test_a_solve_starts_from_the_one_before() -> None:
         return False
 
     lockstep(sqp_admm, games, fleet, 400, after_round=watch)
-    assert set(iterations[-20:]) == {5}  # settled: OSQP looks after 5 iterations, and is done
+    assert set(iterations[-20:]) == {5}  # settled: OSQP checks after 5 iterations, and has converged
     assert max(iterations) >= 20
 
 
-def test_no_way_to_keep_apart_is_said_in_one_line_with_the_solver_s_status() -> None:
+def test_infeasible_problem_is_an_error_of_one_line_with_the_solver_s_status() -> None:
     states = {1: np.array([0.3, 0.2, -1.5, 0.0]), 2: np.array([-0.3, 0.1, 1.5, 0.0])}
     games = {i: DistanceSwap(i, (1, 2), SAMPLE_TIME, target=(0.0, 0.0)).at(states) for i in states}
     with pytest.raises(AlgorithmError, match=r"^the local problem has no solution: OSQP says primal infeasible$"):

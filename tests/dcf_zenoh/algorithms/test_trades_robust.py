@@ -42,7 +42,7 @@ def test_the_plain_method_ends_elsewhere_when_messages_are_lost(name: str, loss:
     assert error(reference, trades, 2200, lossy(1, loss)) > 1e-3
 
 
-def test_a_neighbour_that_is_never_heard_pulls_nothing_towards_zero() -> None:
+def test_a_silent_neighbour_pulls_no_estimate_towards_zero() -> None:
     # Agent 3 is cut off in both directions: the others agree on the mean of the rest.
     reference = Reference.read("n4_complete_start")
     games, fleet = reference.games, fleet_of(reference.graph)

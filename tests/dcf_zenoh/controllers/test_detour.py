@@ -38,7 +38,7 @@ def test_an_agent_that_comes_nearer_aims_at_its_target_after_the_first_detour() 
     assert found == [60] * 20 + [0] * 40
 
 
-def test_near_its_target_nobody_is_stuck() -> None:
+def test_near_its_target_no_agent_is_stuck() -> None:
     near = np.array([1.95, 0.0, 0.0, 0.0])
     detour = Detour(TARGET, SAMPLE_TIME)
     assert directions(detour, [near] * 30) == [0] * 30

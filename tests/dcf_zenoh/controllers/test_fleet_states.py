@@ -22,7 +22,7 @@ def team(graph: Graph = COMPLETE, *, has_signs: bool = True) -> dict[int, FleetS
 
 
 def silent(*agents: int) -> Delay:
-    """Links of which nothing that is from or to `agents` arrives."""
+    """Links that lose every message from or to `agents`."""
     return lambda j, i, _round: None if j in agents or i in agents else 0
 
 
@@ -52,7 +52,7 @@ APART = {1: at(0, 1), 2: at(0.5, -1, 1.0), 3: at(-1, 0)}
 
 
 @pytest.mark.parametrize("graph", [COMPLETE, PATH])
-def test_without_losses_all_see_what_was_measured(graph: Graph) -> None:
+def test_without_losses_all_have_the_measured_states(graph: Graph) -> None:
     for view in share(team(graph), APART, 4, graph=graph).values():
         assert view is not None
         assert (view.lost, view.predicted) == ((), 0)
@@ -60,7 +60,7 @@ def test_without_losses_all_see_what_was_measured(graph: Graph) -> None:
             np.testing.assert_array_equal(view.states[i], state)
 
 
-def test_a_state_that_does_not_come_is_predicted_and_in_the_end_the_agent_is_lost() -> None:
+def test_a_missing_state_is_predicted_and_in_the_end_the_agent_is_lost() -> None:
     fleet = team()
     share(fleet, APART, 0)
     for step in (1, 2, 3):

@@ -24,7 +24,7 @@ def planned(_problem: object, me: Me) -> Dialogue[Any]:
 
 
 class Plain:
-    """A problem that knows nothing of signs or of lost agents; it keeps what it is told."""
+    """A problem without signs that does not handle lost agents; it keeps its arguments."""
 
     def __init__(self) -> None:
         self.told: Mapping[int, Array] = {}
@@ -84,7 +84,7 @@ def test_the_problem_starts_from_where_the_body_will_be(sharing: Any) -> None:
     np.testing.assert_allclose(problems[2].told[1], [1.1 + 0.02 * 0.2, 2.0 + 0.02 * 0.3, 0.5 + 0.2 * 0.2, 0.2 * 0.3])
 
 
-def test_a_problem_that_knows_nothing_of_lost_agents_is_told_where_they_were() -> None:
+def test_a_problem_that_does_not_handle_lost_agents_gets_their_last_positions() -> None:
     fleet, problems = fleet_of(PAIR), {1: Plain(), 2: Plain()}
     controllers = {i: RecedingHorizon(problems[i], planned, fleet[i], 0.2, sharing="piggyback") for i in (1, 2)}
     state = State(np.array([1.0, 2.0]), np.array([0.5, 0.0]))
@@ -98,7 +98,7 @@ def test_a_problem_that_knows_nothing_of_lost_agents_is_told_where_they_were() -
     np.testing.assert_array_equal(problems[1].told[2], [1.0, 2.0, 0.0, 0.0])
 
 
-def test_who_has_never_heard_of_the_others_does_nothing() -> None:
+def test_without_any_state_of_the_others_there_is_no_setpoint() -> None:
     fleet = fleet_of(PAIR)
     controllers = {i: RecedingHorizon(Plain(), planned, fleet[i], 0.2, sharing="piggyback") for i in (1, 2)}
     state = State(np.zeros(2), np.zeros(2))
@@ -129,7 +129,7 @@ def test_a_fleet_that_falls_apart_for_a_while_keeps_its_distance(steps: int, beg
     assert bool(flight.notes["lost_agents"]) is (steps > 3)
 
 
-def test_the_others_keep_clear_of_where_a_lost_agent_was_seen_last() -> None:
+def test_the_others_keep_clear_of_the_last_position_of_a_lost_agent() -> None:
     flight = fly(lambda step: lambda j, i, _: None if step >= 4 and 3 in (j, i) else 0, rounds=60, stops={3: 0})
     assert flight.least_barrier > -1e-3  # agent 4 presses against 3, which stays where 4 wants to be: h goes to 0
     assert flight.notes["lost_agents"] > 100
