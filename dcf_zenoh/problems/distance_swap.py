@@ -2,8 +2,9 @@
 
 import copy
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import fields, replace
 from itertools import combinations
+from typing import ClassVar
 
 import numpy as np
 
@@ -11,6 +12,16 @@ from dcf_zenoh.plant import Array, Setpoint, State, nothing
 from dcf_zenoh.problems.position_swap import PositionSwap, planar
 from dcf_zenoh.problems.problem import NonlinearGame
 from dcf_zenoh.problems.share import Share
+from dcf_zenoh.problems.shared.swap_options import (
+    DEFAULT_BARRIER,
+    DEFAULT_COST,
+    DEFAULT_PREDICTION,
+    RENAMED,
+    BarrierOptions,
+    CostOptions,
+    DiamondOptions,
+    PredictionOptions,
+)
 
 IN_LINE = 0.01  # m; where a coordinate of two agents differs by less, they are in line
 ASIDE = 0.1  # m; by which the one with the lower id is then taken to be aside
@@ -29,25 +40,21 @@ class DistanceSwap:
         agent: Id of this agent.
         agents: Ids of all agents, ascending.
         sample_time: t_s, in s.
-        target: Where this agent wants to be, shape (2,), in m.
-        horizon: H, in steps.
-        accel_max: Bound on each component of the acceleration, in m/s².
-        radii: Half axes r1, r2 of the elliptic safety region, in m.
-        barrier_decay: gamma, in (0, 1].
-        state_weight: Q: a number, or the diagonal for [px, py, vx, vy].
-        input_weight: R: a number, or the diagonal for [ax, ay].
-        terminal_weight: beta, the weight of the terminal cost.
-        gather_weight: p_a, the weight of the mean end position.
-        gather_at: p_o, in m.
-        velocity_lag: As in `PositionSwap`.
+        target: Target of this agent, shape (2,), in m.
+        prediction: Prediction of the agent's motion.
+        cost: Weights of the agent's cost.
+        barrier: Barrier constraints; the radii are the half axes of the ellipse.
 
     Raises:
-        ValueError: An argument is out of its range; the message says which.
+        ValueError: The target does not have two coordinates.
 
     Source: as `PositionSwap`, with the distance that is usual in predictive control for its barrier.
     """
 
-    SHARED = ("horizon", "radii", "barrier_decay")
+    SHARED = ("prediction.horizon", *(f"barrier.{each.name}" for each in fields(BarrierOptions)))
+    RENAMED: ClassVar[Mapping[str, str]] = {
+        old: new for old, new in RENAMED.items() if old not in ("barrier_margin", "obstacles")
+    }
 
     def __init__(
         self,
@@ -56,32 +63,18 @@ class DistanceSwap:
         sample_time: float,
         *,
         target: tuple[float, ...],
-        horizon: int = 3,
-        accel_max: float = 2.0,
-        radii: tuple[float, float] = (0.5, 0.25),
-        barrier_decay: float = 0.1,
-        state_weight: float | tuple[float, ...] = 5.0,
-        input_weight: float | tuple[float, ...] = 2.0,
-        terminal_weight: float = 1.5,
-        gather_weight: float = 1.0,
-        gather_at: tuple[float, float] = (0.0, 0.0),
-        velocity_lag: float | None = None,
+        prediction: PredictionOptions = DEFAULT_PREDICTION,
+        cost: CostOptions = DEFAULT_COST,
+        barrier: BarrierOptions = DEFAULT_BARRIER,
     ) -> None:
         self._swap = PositionSwap(
             agent,
             agents,
             sample_time,
             target=target,
-            horizon=horizon,
-            accel_max=accel_max,
-            radii=radii,
-            barrier_decay=barrier_decay,
-            state_weight=state_weight,
-            input_weight=input_weight,
-            terminal_weight=terminal_weight,
-            gather_weight=gather_weight,
-            gather_at=gather_at,
-            velocity_lag=velocity_lag,
+            prediction=prediction,
+            cost=cost,
+            barrier=DiamondOptions(barrier.radii, barrier.decay),
         )
 
     @property

@@ -2,9 +2,10 @@
 
 import copy
 from collections.abc import Collection, Mapping, Sequence
+from dataclasses import fields
 from itertools import combinations
 from types import MappingProxyType
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -12,9 +13,18 @@ from dcf_zenoh.plant import Array, Setpoint, State, read_only
 from dcf_zenoh.problems.problem import CoupledGame
 from dcf_zenoh.problems.share import Share
 from dcf_zenoh.problems.shared.deadlock import straight_across
-from dcf_zenoh.problems.shared.diamond import SAME_COORDINATE, Obstacle, barrier, outline, side
+from dcf_zenoh.problems.shared.diamond import SAME_COORDINATE, Obstacle, outline, side
+from dcf_zenoh.problems.shared.diamond import barrier as barrier_value
 from dcf_zenoh.problems.shared.prediction import Prediction, state_ahead
-from dcf_zenoh.spec import NonNegativeFloat
+from dcf_zenoh.problems.shared.swap_options import (
+    DEFAULT_COST,
+    DEFAULT_DIAMONDS,
+    DEFAULT_PREDICTION,
+    RENAMED,
+    CostOptions,
+    DiamondOptions,
+    PredictionOptions,
+)
 
 _NO_SIGNS: Mapping[tuple[int, int], Array] = MappingProxyType({})
 
@@ -36,29 +46,19 @@ class PositionSwap:
         agents: Ids of all agents, ascending.
         sample_time: t_s, in s.
         nominal: Key -> value at an agent without keys of its own, of all keys that have a default. None: like this one.
-        target: Where this agent wants to be, shape (2,), in m.
-        horizon: H, in steps.
-        accel_max: Bound on each component of the acceleration, in m/s².
-        radii: Half axes r1, r2 of the diamond-shaped safety region, in m.
-        barrier_decay: gamma of the discrete barrier condition, in (0, 1].
-        barrier_margin: The barrier value h that is kept at least, instead of 0. The rows hold as exactly as they are
-            solved: a fleet that stands still against them settles about (threshold / gamma) / 10 below.
-        obstacles: What stands in the way, each ``[x, y, r1, r2]``: centre and half axes of a diamond, in m.
-        state_weight: Q: a number, or the diagonal for [px, py, vx, vy].
-        input_weight: R: a number, or the diagonal for [ax, ay].
-        terminal_weight: beta, the weight of the terminal cost.
-        gather_weight: p_a, the weight of the mean end position.
-        gather_at: p_o, in m.
-        velocity_lag: None: the body holds the acceleration, as a double integrator does. Otherwise it is told the
-            velocity v + a t_s in every step, and tends to it with this time constant, in s; 0: it has it at once.
+        target: Target of this agent, shape (2,), in m.
+        prediction: Prediction of the agent's motion.
+        cost: Weights of the agent's cost.
+        barrier: Barrier constraints.
 
     Raises:
-        ValueError: An argument is out of its range; the message says which.
+        ValueError: The target does not have two coordinates.
 
     Source: Memon et al., Section IV; barrier constraints after do Nascimento, Papachristodoulou, Margellos, CDC 2023.
     """
 
-    SHARED = ("horizon", "radii", "barrier_decay", "barrier_margin", "obstacles")  # all must mean the same constraints
+    SHARED = ("prediction.horizon", *(f"barrier.{each.name}" for each in fields(DiamondOptions)))  # same constraints
+    RENAMED: ClassVar[Mapping[str, str]] = RENAMED
 
     def __init__(
         self,
@@ -68,56 +68,36 @@ class PositionSwap:
         nominal: Mapping[str, Any] | None = None,
         *,
         target: tuple[float, ...],
-        horizon: int = 3,
-        accel_max: float = 2.0,
-        radii: tuple[float, float] = (0.5, 0.25),
-        barrier_decay: float = 0.1,
-        barrier_margin: NonNegativeFloat = 0.0,
-        obstacles: tuple[tuple[float, float, float, float], ...] = (),
-        state_weight: float | tuple[float, ...] = 5.0,
-        input_weight: float | tuple[float, ...] = 2.0,
-        terminal_weight: float = 1.5,
-        gather_weight: float = 1.0,
-        gather_at: tuple[float, float] = (0.0, 0.0),
-        velocity_lag: float | None = None,
+        prediction: PredictionOptions = DEFAULT_PREDICTION,
+        cost: CostOptions = DEFAULT_COST,
+        barrier: DiamondOptions = DEFAULT_DIAMONDS,
     ) -> None:
-        for name, value in (("horizon", horizon), ("accel_max", accel_max), ("radii", min(radii))):
-            if not value > 0:
-                raise ValueError(f"{name} must be positive, not {value}")
-        if not 0 < barrier_decay <= 1:
-            raise ValueError(f"barrier_decay must be in (0, 1], not {barrier_decay}")
         if len(target) < 2:
             raise ValueError(f"target must be [x, y] in m, not {list(target)}")
         self.agent = agent
         self.agents = agents
-        self.horizon = horizon
-        self.accel_max = accel_max
-        self.radii = radii
-        self.barrier_decay = barrier_decay
-        self.barrier_margin = barrier_margin
-        self.obstacles = tuple(map(Obstacle.of, obstacles))
+        self.horizon = prediction.horizon
+        self.accel_max = prediction.accel_max
+        self.velocity_lag = prediction.velocity_lag
+        self.radii = barrier.radii
+        self.barrier_decay = barrier.decay
+        self.barrier_margin = barrier.margin
+        self.obstacles = tuple(map(Obstacle.of, barrier.obstacles))
         self.sample_time = sample_time
         self.target = read_only(target[:2])
-        self.gather_at = read_only(gather_at)
+        self.gather_at = read_only(cost.gather_at)
         self.pairs = tuple(combinations(agents, 2))
-        self.rows = (len(self.pairs) + len(agents) * len(self.obstacles)) * horizon
+        self.rows = (len(self.pairs) + len(agents) * len(self.obstacles)) * self.horizon
 
-        model: dict[str, Any] = {
-            "state_weight": state_weight,
-            "input_weight": input_weight,
-            "terminal_weight": terminal_weight,
-            "velocity_lag": velocity_lag,
-        }
-        self.velocity_lag = velocity_lag
-        own = Prediction.of(sample_time, horizon, **model)
+        own = Prediction.of(sample_time, prediction, cost)
         self.powers, self.lifts, self.quadratic, self.linear = own
         self.end_map = self.lifts[-1][:2]  # Phi: u -> end position
         self.end_free = self.powers[-1][:2]  # state -> end position without input
-        self.gather_map = (2 * gather_weight / len(agents) ** 2) * self.end_map.T
+        self.gather_map = (2 * cost.gather / len(agents) ** 2) * self.end_map.T
 
-        self.barrier_input, self.barrier_state = _barrier_maps(own, barrier_decay)
-        agreed = own if nominal is None else Prediction.of(sample_time, horizon, **{key: nominal[key] for key in model})
-        self.row_scale = self._row_scale(agreed, radii, 2)
+        self.barrier_input, self.barrier_state = _barrier_maps(own, self.barrier_decay)
+        agreed = own if nominal is None else Prediction.of(sample_time, nominal["prediction"], nominal["cost"])
+        self.row_scale = self._row_scale(agreed, self.radii, 2)
         self.obstacle_scales = [self._row_scale(agreed, each.radii, 1) for each in self.obstacles]
         for array in (self.gather_map, self.row_scale, *self.obstacle_scales, *self.barrier_input, *self.barrier_state):
             array.setflags(write=False)
@@ -141,7 +121,7 @@ class PositionSwap:
         (r1, r2), least = self.radii, self.barrier_margin
         for i, j in combinations(sorted(starts), 2):
             apart = abs(starts[i][:2] - starts[j][:2])
-            if (h := float(barrier(apart, self.radii))) < least - SAME_COORDINATE:
+            if (h := float(barrier_value(apart, self.radii))) < least - SAME_COORDINATE:
                 found[j] = (
                     f"agent {j} would start in the safety region of agent {i}: h = {h:.3g}, expected at least {least:g}"
                     f" (they are {apart[0]:.3g} m apart in x and {apart[1]:.3g} m in y; radii {r1:g} m and {r2:g} m)"
@@ -154,7 +134,7 @@ class PositionSwap:
 
     def separation(self, own: Array, other: Array) -> Array:
         """Return the barrier value h of pairs of positions, shape (...), at positions of shape (..., d), m."""
-        return barrier(own[..., :2] - other[..., :2], self.radii)
+        return barrier_value(own[..., :2] - other[..., :2], self.radii)
 
     def outline(self, position: Array) -> Array:
         """Return the corners of the diamond around an agent at `position`, shape (4, 2), m."""

@@ -336,7 +336,7 @@ def test_export_writes_what_the_run_holds(flown: Path, tmp_path: Path, agentd: C
 def test_diff_says_identical_or_where_two_runs_part(flown: Path, trio: Path, agentd: Callable[..., Answer]) -> None:
     same, other = trio.parent / "same", trio.parent / "other"
     assert agentd("simulate", trio, *QUICK, "--out", same).code == 0
-    assert agentd("simulate", trio, *QUICK, "--set", "problem.horizon=4", "--out", other).code == 0
+    assert agentd("simulate", trio, *QUICK, "--set", "problem.prediction.horizon=4", "--out", other).code == 0
     assert agentd("diff", flown, same) == (0, "identical\n", "")
     answer = agentd("diff", flown, other)
     assert answer.code == 1

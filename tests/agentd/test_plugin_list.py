@@ -98,7 +98,7 @@ def test_kind_has_its_summary_and_its_keys(capsys: pytest.CaptureFixture[str]) -
         """\
           position_swap         The aggregative game of the paper, posed anew at every control step.
             target: list of numbers, required
-            horizon: whole number = 3
+            prediction.horizon: whole number = 3
         """,
     ):
         assert textwrap.indent(textwrap.dedent(part), "  ") in text

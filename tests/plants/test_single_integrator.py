@@ -63,7 +63,7 @@ def test_options_and_setpoints_that_do_not_fit_are_refused() -> None:
 
 @pytest.mark.parametrize("lag", [None, 0.0])
 def test_the_paper_swap_arrives_and_the_model_that_fits_predicts_every_step(lag: float | None) -> None:
-    changes = [] if lag is None else [f"problem.velocity_lag={lag}"]
+    changes = [] if lag is None else [f"problem.prediction.velocity_lag={lag}"]
     run = dcf_zenoh.simulate("position_swap", plant="single_integrator", changes=changes)
     assert run.arrival_time is not None
     assert run.barriers.min() >= (0.05 if lag is None else 0.1)
@@ -72,7 +72,11 @@ def test_the_paper_swap_arrives_and_the_model_that_fits_predicts_every_step(lag:
 
 
 def test_a_plan_for_a_later_moment_starts_from_the_velocity_that_is_being_flown() -> None:
-    changes = ["problem.velocity_lag=0.0", "controller.kind=receding_horizon", "controller.predict_delay=0.1"]
+    changes = [
+        "problem.prediction.velocity_lag=0.0",
+        "controller.kind=receding_horizon",
+        "controller.predict_delay=0.1",
+    ]
     run = dcf_zenoh.simulate("position_swap", plant="single_integrator", changes=[*changes, "time.duration=3.0"])
     for log in run.agents.values():
         velocity, acceleration = log.setpoint[:, 2:4], log.setpoint[:, 4:6]

@@ -10,6 +10,7 @@ import numpy as np
 from dcf_zenoh.graph import Graph
 from dcf_zenoh.plant import Array
 from dcf_zenoh.problems.position_swap import PositionSwap, SwapGame
+from dcf_zenoh.problems.shared.swap_options import CostOptions
 
 DATA = Path(__file__).parents[1] / "data"
 INSTANCES = ("n4_complete_start", "n4_line_agg", "n4_star_boxactive", "n6_line_nonpotential")
@@ -45,8 +46,7 @@ class Reference:
             self.agents,
             self.data["ts"],
             target=tuple(self.data["targets"][agent][:2]),
-            gather_weight=self.data["p_a"][agent],
-            gather_at=tuple(self.data["p_o"]),
+            cost=CostOptions(gather=self.data["p_a"][agent], gather_at=tuple(self.data["p_o"])),
         )
 
     @property
@@ -62,7 +62,7 @@ class Reference:
         states, targets = self.data["states"], self.data["targets"]
         agents = "\n".join(
             f"[agents.{i}]\nstart = {states[i][:2]}\ntarget = {targets[i][:2]}\n"
-            f"problem.gather_weight = {self.data['p_a'][i]}\nplants.point.velocity = {states[i][2:]}"
+            f"problem.cost.gather = {self.data['p_a'][i]}\nplants.point.velocity = {states[i][2:]}"
             for i in self.agents
         )
         return f"""
@@ -81,7 +81,7 @@ directed = true
 links = {self.links}
 [problem]
 kind = "position_swap"
-gather_at = {self.data["p_o"]}
+cost.gather_at = {self.data["p_o"]}
 [algorithm]
 kind = "trades"
 order = "{order}"

@@ -16,20 +16,19 @@ from dcf_zenoh.problems.distance_swap import DistanceGame, DistanceSwap, clearan
 from dcf_zenoh.problems.position_swap import PositionSwap, SwapGame
 from dcf_zenoh.problems.problem import NonlinearGame
 from dcf_zenoh.problems.shared.diamond import barrier
+from dcf_zenoh.problems.shared.swap_options import CostOptions
 
-SAMPLE_TIME, RADII = 0.2, (0.5, 0.25)
+SAMPLE_TIME, RADII, AT = 0.2, (0.5, 0.25), (0.5, -0.2)
 
 
-def moment(
-    seed: int, agents: tuple[int, ...], gather_weight: float = 1.0
-) -> tuple[dict[int, SwapGame], dict[int, Array]]:
+def moment(seed: int, agents: tuple[int, ...], gather: float = 1.0) -> tuple[dict[int, SwapGame], dict[int, Array]]:
     """The games of one control step, and the decisions that one solver finds for all."""
     rng = np.random.default_rng(seed)
     while True:
         states = {i: np.concatenate((rng.uniform(-1.2, 1.2, 2), rng.normal(scale=0.4, size=2))) for i in agents}
         games = {
             i: PositionSwap(
-                i, agents, SAMPLE_TIME, target=tuple(-states[i][:2]), gather_weight=gather_weight, gather_at=(0.5, -0.2)
+                i, agents, SAMPLE_TIME, target=tuple(-states[i][:2]), cost=CostOptions(gather=gather, gather_at=AT)
             ).at(states)
             for i in agents
         }
@@ -52,7 +51,7 @@ def distance_moment(seed: int, agents: tuple[int, ...]) -> tuple[dict[int, Dista
         apart = np.array([places[i] - places[j] for i, j in combinations(agents, 2)])
         states = {i: np.concatenate((place, rng.normal(scale=0.3, size=2))) for i, place in places.items()}
         games = {
-            i: DistanceSwap(i, agents, SAMPLE_TIME, target=tuple(-place), gather_at=(0.5, -0.2)).at(states)
+            i: DistanceSwap(i, agents, SAMPLE_TIME, target=tuple(-place), cost=CostOptions(gather_at=AT)).at(states)
             for i, place in places.items()
         }
         if min(clearance(apart, np.array(RADII), np.zeros_like(apart))[0]) > 0.1:

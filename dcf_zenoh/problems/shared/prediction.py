@@ -7,6 +7,7 @@ import numpy as np
 
 from dcf_zenoh.plant import Array, Setpoint, State
 from dcf_zenoh.problems.shared.riccati import solve_riccati
+from dcf_zenoh.problems.shared.swap_options import CostOptions, PredictionOptions
 
 
 class Prediction(NamedTuple):
@@ -28,37 +29,24 @@ class Prediction(NamedTuple):
     linear: Array
 
     @classmethod
-    def of(
-        cls,
-        sample_time: float,
-        horizon: int,
-        *,
-        state_weight: float | Sequence[float],
-        input_weight: float | Sequence[float],
-        terminal_weight: float,
-        velocity_lag: float | None,
-    ) -> "Prediction":
+    def of(cls, sample_time: float, options: PredictionOptions, cost: CostOptions) -> "Prediction":
         """Lift the model over the horizon.
 
         Args:
             sample_time: t_s, in s.
-            horizon: H.
-            state_weight: Q: a number, or the diagonal for [px, py, vx, vy].
-            input_weight: R: a number, or the diagonal for [ax, ay].
-            terminal_weight: beta; the terminal cost is beta z'Pz with P from the discrete Riccati equation.
-            velocity_lag: None for a body that holds the acceleration. Otherwise one that is told the velocity
-                v + a t_s in every step and tends to it with this time constant, in s; 0: it has it at once.
+            options: Horizon and model.
+            cost: Weights; the terminal cost is beta z'Pz with P from the discrete Riccati equation.
 
         Raises:
-            ValueError: An argument is out of its range; the message says which.
+            ValueError: The Riccati equation has no stabilising solution.
 
         Source: Memon et al., eq. (1) and Section IV; the lag is the exact solution of v' = (v_ref - v) / lag.
         """
-        powers, lifts = _lift(sample_time, horizon, velocity_lag)
-        Q = _square(state_weight, 4, "state_weight")
-        R = _square(input_weight, 2, "input_weight")
+        horizon = options.horizon
+        powers, lifts = _lift(sample_time, horizon, options.velocity_lag)
+        Q, R = _square(cost.state, 4), _square(cost.input, 2)
         A, B = powers[1], lifts[1][:, :2]
-        P = terminal_weight * solve_riccati(A, B, Q, R)
+        P = cost.terminal * solve_riccati(A, B, Q, R)
         stages = [(G, Q, power) for G, power in zip(lifts[:-1], powers[:-1], strict=True)]
         stages.append((lifts[-1], P, powers[-1]))
         quadratic: Array = np.asarray(np.kron(np.eye(horizon), R) + sum(G.T @ W @ G for G, W, _ in stages), np.float64)
@@ -89,13 +77,9 @@ def state_ahead(state: State, flown: Setpoint | None, delay: float, lag: float |
     return np.concatenate((position + wanted * delay + apart * lag * (1 - left), wanted + apart * left))
 
 
-def _square(values: float | Sequence[float], size: int, name: str) -> Array:
-    """A diagonal matrix from a number or its diagonal."""
-    given = np.asarray(values, dtype=np.float64)
-    diagonal = np.broadcast_to(given, (size,)) if given.ndim == 0 else given
-    if diagonal.shape != (size,) or min(diagonal) < 0:
-        raise ValueError(f"{name} must be a number >= 0 or {size} of them, not {values}")
-    return np.diag(diagonal)
+def _square(values: float | Sequence[float], size: int) -> Array:
+    """Return a diagonal matrix from a number or its diagonal."""
+    return np.diag(np.broadcast_to(np.asarray(values, dtype=np.float64), (size,)))
 
 
 def _lift(sample_time: float, horizon: int, lag: float | None) -> tuple[list[Array], list[Array]]:
@@ -116,7 +100,5 @@ def _gains(sample_time: float, lag: float | None) -> tuple[float, float]:
     """What a step at unit acceleration adds to position and velocity, beside p + v t_s and v."""
     if lag is None:
         return sample_time**2 / 2, sample_time
-    if not lag >= 0:
-        raise ValueError(f"velocity_lag must be a time >= 0, in s, not {lag}")
     reached = 1 - np.exp(-sample_time / lag) if lag else 1.0  # share of the way to the new velocity
     return sample_time * (sample_time - lag * reached), sample_time * reached

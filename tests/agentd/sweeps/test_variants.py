@@ -22,7 +22,9 @@ def test_options_of_the_command_line_stand_for_their_keys() -> None:
 
 
 def test_commas_in_brackets_and_quotes_divide_nothing() -> None:
-    found = variants(["problem.radii=[0.5, 0.25],[0.6,0.3]", "faults.loss={ probability = 0.1, kind = 'a,]b' },0.2"], 4)
+    found = variants(
+        ["problem.barrier.radii=[0.5, 0.25],[0.6,0.3]", "faults.loss={ probability = 0.1, kind = 'a,]b' },0.2"], 4
+    )
     assert [list(each.values.values()) for each in found] == [
         ["[0.5, 0.25]", "{ probability = 0.1, kind = 'a,]b' }"],
         ["[0.5, 0.25]", "0.2"],

@@ -17,6 +17,7 @@ from dcf_zenoh.plant import Array
 from dcf_zenoh.problems.central import solve_together
 from dcf_zenoh.problems.position_swap import PositionSwap, SwapGame
 from dcf_zenoh.problems.share import Share
+from dcf_zenoh.problems.shared.swap_options import DiamondOptions
 from dcf_zenoh.testing import fleet_of, lockstep, lossy
 from tests.support.answers import AGENTS, TOPOLOGIES, cournot, course, each, graph, quadratic
 from tests.support.references import Reference
@@ -48,7 +49,7 @@ def test_random_moments_of_a_swap_agree_with_the_central_solution(seed: int, top
 @pytest.mark.parametrize("seed", range(2))
 def test_six_agents_agree_with_it_too(seed: int) -> None:
     agents = tuple(range(1, 7))
-    games, answers = moment(seed, agents, gather_weight=20.0)
+    games, answers = moment(seed, agents, gather=20.0)
     assert course(admm_mpc, games, graph("ring", agents), answers, 600).error < 1e-6
 
 
@@ -190,7 +191,10 @@ def test_a_solve_starts_from_the_one_before() -> None:
 def test_infeasible_problem_is_an_error_of_one_line_with_the_solver_s_status() -> None:
     wall = ((0.0, 0.0, 0.5, 0.5),)  # ahead of agent 1, which is too fast to stop
     states = {1: np.array([0.55, 0.0, -6.0, 0.0]), 2: np.array([3.0, 3.0, 0.0, 0.0])}
-    games = {i: PositionSwap(i, (1, 2), SAMPLE_TIME, target=(0.0, 0.0), obstacles=wall).at(states) for i in states}
+    games = {
+        i: PositionSwap(i, (1, 2), SAMPLE_TIME, target=(0.0, 0.0), barrier=DiamondOptions(obstacles=wall)).at(states)
+        for i in states
+    }
     with pytest.raises(AlgorithmError, match=r"^the local problem has no solution: OSQP says primal infeasible$"):
         lockstep(partial(admm_mpc, multiplier_max=None), games, fleet_of(graph("complete", (1, 2))), 20)
     with pytest.raises(AlgorithmError, match="OSQP says primal infeasible"):

@@ -16,6 +16,7 @@ from dcf_zenoh.problems.central import solve_together
 from dcf_zenoh.problems.distance_swap import DistanceSwap
 from dcf_zenoh.problems.problem import NonlinearGame
 from dcf_zenoh.problems.share import Share
+from dcf_zenoh.problems.shared.swap_options import CostOptions
 from dcf_zenoh.testing import check_problem, fleet_of, lockstep, lossy
 from tests.support.answers import AGENTS, TOPOLOGIES, Problems, cournot, course, graph
 from tests.support.swaps import SAMPLE_TIME, distance_moment, together
@@ -169,7 +170,9 @@ def test_what_it_cannot_solve_is_refused() -> None:
         lockstep(sqp_admm, cournot(4.0), fleet_of(graph("ring")), 1)
     with pytest.raises(AlgorithmError, match=r"sqp_admm: inner must be in \[1, inf\], not 0"):
         lockstep(partial(sqp_admm, inner=0), games, fleet_of(graph("ring")), 1)
-    unequal = {i: DistanceSwap(i, AGENTS, SAMPLE_TIME, target=(0.0, 0.0), gather_weight=float(i)) for i in AGENTS}
+    unequal = {
+        i: DistanceSwap(i, AGENTS, SAMPLE_TIME, target=(0.0, 0.0), cost=CostOptions(gather=float(i))) for i in AGENTS
+    }
     states = {i: np.array([2.0 * i, 0.0, 0.0, 0.0]) for i in AGENTS}
     with pytest.raises(AlgorithmError, match="the agents have no common cost to minimise, as they pay differently"):
         lockstep(sqp_admm, {i: each.at(states) for i, each in unequal.items()}, fleet_of(graph("ring")), 20)

@@ -98,5 +98,5 @@ def test_it_can_be_turned_to_another_target() -> None:
 
 
 def test_what_is_out_of_range_is_refused() -> None:
-    with pytest.raises(ValueError, match="radii must be positive, not 0"):
-        problem(radii=(0.5, 0.0))
+    with pytest.raises(ValueError, match=r"target must be \[x, y\] in m, not \[0\.0\]"):
+        DistanceSwap(2, AGENTS, 0.2, target=(0.0,))

@@ -20,6 +20,7 @@ from dcf_zenoh.problems.quadratic_game import QuadraticGame
 from dcf_zenoh.problems.rendezvous import Rendezvous
 from dcf_zenoh.problems.resource_allocation import ResourceAllocation
 from dcf_zenoh.problems.share import Share
+from dcf_zenoh.problems.shared.swap_options import BarrierOptions, PredictionOptions
 from dcf_zenoh.testing import check_problem
 from tests.support.references import Reference
 
@@ -38,7 +39,9 @@ MADE: dict[str, list[Callable[[], object]]] = {
     ],
     "distance_swap": [
         lambda: DistanceSwap(2, THREE, 0.2, target=(0.0, 1.0)).at(SPREAD),
-        lambda: DistanceSwap(5, THREE, 0.2, target=(0.0, 1.0), horizon=4, radii=(0.5, 0.5)).at(SPREAD),
+        lambda: DistanceSwap(
+            5, THREE, 0.2, target=(0.0, 1.0), prediction=PredictionOptions(4), barrier=BarrierOptions((0.5, 0.5))
+        ).at(SPREAD),
     ],
     "formation": [
         lambda: Formation(2, 0.2, offset=(0.5, 0.0)).at(STATES),

@@ -22,6 +22,7 @@ from dcf_zenoh.problems.geometry import (
 )
 from dcf_zenoh.problems.position_swap import PositionSwap
 from dcf_zenoh.problems.rendezvous import Rendezvous
+from dcf_zenoh.problems.shared.swap_options import DiamondOptions
 from tests.support.own_region import circle, ellipse, fly, write_fleet
 
 ALL = (SafetyRegion, RegionOutline, ObstacleClearance, ObstacleOutlines, DeadlockLayout)
@@ -157,7 +158,7 @@ def test_built_in_problems_offer_what_they_have() -> None:
 
 
 def test_the_diamond_of_the_position_swap_is_its_region() -> None:
-    problem = PositionSwap(1, (1, 2), 0.2, target=(0.0, 0.0), radii=(0.5, 0.25), obstacles=((1.0, 0.0, 0.2, 0.4),))
+    problem = PositionSwap(1, (1, 2), 0.2, target=(0.0, 0.0), barrier=DiamondOptions(obstacles=((1.0, 0.0, 0.2, 0.4),)))
     rng = np.random.default_rng(3)
     own, other = rng.normal(size=(2, 7, 3))
     expected = abs(own[:, 0] - other[:, 0]) / 0.5 + abs(own[:, 1] - other[:, 1]) / 0.25 - 1

@@ -17,6 +17,7 @@ from dcf_zenoh.algorithms.trades import trades
 from dcf_zenoh.graph import Graph
 from dcf_zenoh.plant import Array
 from dcf_zenoh.problems.position_swap import PositionSwap, SwapGame
+from dcf_zenoh.problems.shared.swap_options import CostOptions, PredictionOptions
 from dcf_zenoh.testing import fleet_of, lockstep
 from topologies.complete import complete
 from topologies.path import path
@@ -24,22 +25,34 @@ from topologies.path import path
 AGENTS = (1, 2, 3, 4)
 STARTS = {1: (0.08, 0.55), 2: (-0.03, -0.49), 3: (0.84, 0.0), 4: (-0.7, -0.01)}
 VELOCITIES = {1: (-0.19, -0.46), 2: (-0.09, 0.35), 3: (-0.33, 0.08), 4: (0.25, -0.01)}
-COMMON: dict[str, Any] = {"input_weight": 3.0, "gather_weight": 2.0, "gather_at": (0.3, -0.2)}
-NOMINAL = {"state_weight": 5.0, "terminal_weight": 1.5, "velocity_lag": None, **COMMON}
-OWN: dict[int, dict[str, Any]] = {
+COMMON: dict[str, Any] = {"input": 3.0, "gather": 2.0, "gather_at": (0.3, -0.2)}  # of the cost
+NOMINAL = {"prediction": PredictionOptions(), "cost": CostOptions(**COMMON)}
+PREDICTION: dict[int, dict[str, Any]] = {
     1: {},
-    2: {"velocity_lag": 0.0, "state_weight": (5.0, 5.0, 8.0, 8.0)},
-    3: {"accel_max": 0.8, "input_weight": 5.0, "terminal_weight": 1.0},
-    4: {"accel_max": 0.5, "velocity_lag": 0.1, "input_weight": (2.5, 4.0)},
+    2: {"velocity_lag": 0.0},
+    3: {"accel_max": 0.8},
+    4: {"accel_max": 0.5, "velocity_lag": 0.1},
 }
-UNEQUAL = {1: {"gather_weight": 0.5}, 4: {"gather_weight": 5.0}}
+COST: dict[int, dict[str, Any]] = {
+    1: {},
+    2: {"state": (5.0, 5.0, 8.0, 8.0)},
+    3: {"input": 5.0, "terminal": 1.0},
+    4: {"input": (2.5, 4.0)},
+}
+UNEQUAL = {1: {"gather": 0.5}, 4: {"gather": 5.0}}
 
 
 def problems(more: Mapping[int, Mapping[str, Any]] = MappingProxyType({})) -> dict[int, PositionSwap]:
     """The four agents, bound for the opposite side."""
     return {
         i: PositionSwap(
-            i, AGENTS, 0.2, NOMINAL, target=(-STARTS[i][0], -STARTS[i][1]), **{**COMMON, **OWN[i], **more.get(i, {})}
+            i,
+            AGENTS,
+            0.2,
+            NOMINAL,
+            target=(-STARTS[i][0], -STARTS[i][1]),
+            prediction=PredictionOptions(**PREDICTION[i]),
+            cost=CostOptions(**{**COMMON, **COST[i], **more.get(i, {})}),
         )
         for i in AGENTS
     }
@@ -57,7 +70,7 @@ def bounds(problems: Mapping[int, PositionSwap]) -> Array:
 def minimiser_of_the_potential(problems: Mapping[int, PositionSwap]) -> Array:
     """argmin sum_i f_i + (p_a / N) |sigma - p_o|² under all constraints, by OSQP; p_a must be one for all."""
     games, count = posed(problems), len(problems)
-    weight = COMMON["gather_weight"] / count
+    weight = COMMON["gather"] / count
     end = np.hstack([problem.end_map for problem in problems.values()]) / count
     offset = sum(game.contribution(np.zeros(6)) for game in games.values()) / count - np.array(COMMON["gather_at"])
     quadratic = sparse.block_diag([2 * each.quadratic for each in problems.values()]) + 2 * weight * end.T @ end
@@ -89,10 +102,11 @@ def distributed(problems: Mapping[int, PositionSwap], topology: Any) -> Array:
 
 def test_the_rows_have_one_scale_whatever_the_agents_are() -> None:
     scales = [problem.row_scale for problem in problems().values()]
-    nominal = PositionSwap(9, AGENTS, 0.2, target=(0.0, 0.0), **COMMON).row_scale
+    nominal = PositionSwap(9, AGENTS, 0.2, target=(0.0, 0.0), cost=CostOptions(**COMMON)).row_scale
     for scale in scales:
         np.testing.assert_array_equal(scale, nominal)
-    alone = PositionSwap(3, AGENTS, 0.2, target=(0.0, 0.0), **{**COMMON, **OWN[3]}).row_scale
+    cost = CostOptions(**{**COMMON, **COST[3]})
+    alone = PositionSwap(3, AGENTS, 0.2, target=(0.0, 0.0), cost=cost).row_scale
     assert abs(alone - nominal).min() > 0.5  # which is what an agent by itself would have taken
 
 
@@ -128,14 +142,13 @@ def test_with_several_gather_weights_the_equilibrium_has_one_multiplier_for_all(
 
 
 def test_the_keys_of_the_problem_are_the_nominal_ones_in_a_fleet_file(tmp_path: Path) -> None:
-    plain = {key: list(value) if isinstance(value, tuple) else value for key, value in COMMON.items()}
-    own = {i: {k: list(v) if isinstance(v, tuple) else v for k, v in keys.items()} for i, keys in OWN.items()}
+    own = {i: {"prediction": PREDICTION[i], "cost": COST[i]} for i in AGENTS}
     fleet = {
         "name": "one_step",
         "plant": "point",
         "time": {"clock": "virtual", "sample_time": 0.2, "duration": 0.2},
         "exchange": {"max_rounds": 4000, "threshold": 1e-11},
-        "problem": {"kind": "position_swap", **plain},
+        "problem": {"kind": "position_swap", "cost": COMMON},
         "algorithm": {"kind": "trades"},
         "plants": {"point": {"kind": "point_mass"}},
         "agents": {

@@ -15,7 +15,7 @@ AROUND = "position_swap_obstacles"
 
 
 def obstacles_of(run: Run) -> list[Obstacle]:
-    return [Obstacle.of(numbers) for numbers in run.fleet.problem.options["obstacles"]]
+    return [Obstacle.of(numbers) for numbers in run.fleet.problem.options["barrier"]["obstacles"]]
 
 
 def cuts(run: Run) -> bool:
@@ -44,11 +44,11 @@ def test_agents_go_around_obstacles(algorithm: str, topology: str, plant: str) -
 
 
 def test_an_obstacle_beside_the_way_keeps_them_out_where_they_would_fly_through_it() -> None:
-    beside = ["controller.detour=false", "problem.obstacles=[[0.45, 0.5, 0.3, 0.3], [-0.5, -0.3, 0.35, 0.3]]"]
+    beside = ["controller.detour=false", "problem.barrier.obstacles=[[0.45, 0.5, 0.3, 0.3], [-0.5, -0.3, 0.35, 0.3]]"]
     around = dcf_zenoh.simulate(AROUND, changes=beside)
     assert around.arrival_time is not None
     assert 0.02 - 1e-3 <= around.clearances.min() <= 0.1
-    free = dcf_zenoh.simulate(AROUND, changes=[*beside, "problem.obstacles=[]"])
+    free = dcf_zenoh.simulate(AROUND, changes=[*beside, "problem.barrier.obstacles=[]"])
     assert min(each.barrier(place) for each in obstacles_of(around) for step in free.positions for place in step) < 0
     assert free.summary()["min_clearance"] is None
 
@@ -64,14 +64,14 @@ def test_clearance_is_the_barrier_value_of_every_agent_with_every_obstacle() -> 
     ("obstacles", "complaint"),
     [
         ("[[0.0, 1.0, 0.2, 0.2]]", "agent 1 would start in obstacle 1: h = -1, expected at least 0.02"),
-        ("[[0.0, 0.0, 0.2]]", "problem.obstacles"),
+        ("[[0.0, 0.0, 0.2]]", "problem.barrier.obstacles"),
         ("[[0.0, 0.0, 0.2, 0.0]]", "r1 and r2 positive, not [0.0, 0.0, 0.2, 0.0]"),
-        ("[[0.0, 0.0, 'wide', 0.2]]", "problem.obstacles"),
+        ("[[0.0, 0.0, 'wide', 0.2]]", "problem.barrier.obstacles"),
     ],
 )
 def test_an_obstacle_that_cannot_be_is_refused(obstacles: str, complaint: str) -> None:
     with pytest.raises(ConfigurationError) as refused:
-        load(AROUND, changes=[f"problem.obstacles={obstacles}"])
+        load(AROUND, changes=[f"problem.barrier.obstacles={obstacles}"])
     assert complaint in str(refused.value)
     assert len(str(refused.value).splitlines()) == 1
 

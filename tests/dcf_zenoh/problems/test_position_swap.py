@@ -1,9 +1,16 @@
+from collections.abc import Callable
+
 import numpy as np
 import osqp
 import pytest
 from scipy import sparse
 
+from dcf_zenoh.config import load
+from dcf_zenoh.errors import ConfigurationError
+from dcf_zenoh.plugins import accepted
+from dcf_zenoh.problems.distance_swap import DistanceSwap
 from dcf_zenoh.problems.position_swap import PositionSwap
+from dcf_zenoh.problems.shared.swap_options import BarrierOptions, CostOptions, DiamondOptions, PredictionOptions
 from tests.support.references import INSTANCES, Reference
 
 EXACT = 1e-12
@@ -89,16 +96,43 @@ def test_the_barrier_rows_hold_exactly_when_the_barrier_condition_does() -> None
 
 
 @pytest.mark.parametrize(
-    ("option", "value", "message"),
+    ("make", "message"),
     [
-        ("horizon", 0, "horizon must be positive"),
-        ("radii", (0.5, -1.0), "radii must be positive"),
-        ("barrier_decay", 1.5, r"barrier_decay must be in \(0, 1\], not 1.5"),
-        ("state_weight", (1.0, 2.0), "state_weight must be a number >= 0 or 4 of them"),
-        ("target", (1.0,), r"target must be \[x, y\] in m"),
+        (lambda: PredictionOptions(horizon=0), "horizon must be positive, not 0"),
+        (lambda: PredictionOptions(accel_max=-1.0), r"accel_max must be positive, not -1\.0"),
+        (lambda: DiamondOptions(radii=(0.5, -1.0)), r"radii must be positive, not -1\.0"),
+        (lambda: BarrierOptions(decay=1.5), r"decay must be in \(0, 1\], not 1\.5"),
+        (lambda: CostOptions(state=(1.0, 2.0)), "state must be a number >= 0 or 4 of them"),
+        (lambda: CostOptions(input=-1.0), r"input must be a number >= 0 or 2 of them, not -1\.0"),
+        (lambda: PositionSwap(1, (1, 2), 0.2, target=(1.0,)), r"target must be \[x, y\] in m"),
     ],
 )
-def test_options_out_of_range_are_refused(option: str, value: object, message: str) -> None:
-    options = {"target": (0.0, 0.0), option: value}
+def test_options_out_of_range_are_refused(make: Callable[[], object], message: str) -> None:
     with pytest.raises(ValueError, match=message):
-        PositionSwap(1, (1, 2), 0.2, **options)  # type: ignore[arg-type]
+        make()
+
+
+@pytest.mark.parametrize("fleet", ["position_swap", "distance_swap"])
+def test_keys_of_earlier_versions_are_refused_with_their_name_now(fleet: str) -> None:
+    with pytest.raises(ConfigurationError) as refused:
+        load(fleet, changes=["problem.radii=[0.5, 0.5]", "problem.horizon=4", "agents.2.problem.gather_weight=2.0"])
+    kind = {"position_swap": "PositionSwap", "distance_swap": "DistanceSwap"}[fleet]
+    assert sorted(refused.value.problems) == [
+        f"agents.2.problem.gather_weight: {kind} has no key 'gather_weight' any more: it is called 'cost.gather'",
+        f"problem.horizon: {kind} has no key 'horizon' any more: it is called 'prediction.horizon'",
+        f"problem.radii: {kind} has no key 'radii' any more: it is called 'barrier.radii'",
+    ]
+
+
+def test_every_key_of_earlier_versions_has_a_name_now() -> None:
+    for kind in (PositionSwap, DistanceSwap):
+        keys = {f"{table.name}.{key.name}" for table in accepted(kind).parameters if table.table
+                for key in table.table.parameters}  # fmt: skip
+        assert set(kind.RENAMED.values()) == keys
+
+
+def test_both_swaps_have_the_same_defaults() -> None:
+    swap, true_distance = (load(name).spec.problem.options for name in ("position_swap", "distance_swap"))
+    assert swap["prediction"] == true_distance["prediction"]
+    assert swap["cost"] == true_distance["cost"]
+    assert swap["barrier"] == {**true_distance["barrier"], "margin": 0.0, "obstacles": []}

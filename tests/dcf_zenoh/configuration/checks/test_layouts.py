@@ -32,7 +32,7 @@ def test_a_layout_that_gets_stuck_is_noted(agents: int, turn: float) -> None:
 def test_what_is_noted_does_get_stuck_and_the_detour_leads_out(agents: int, turn: float) -> None:
     changes = [*across(agents, 1.1, turn), "time.duration=16.0", "exchange.max_rounds=60"]
     assert dcf_zenoh.simulate("position_swap", changes=changes).arrival_time is None
-    detour = [*changes, "controller.detour=true", "problem.barrier_margin=0.02"]
+    detour = [*changes, "controller.detour=true", "problem.barrier.margin=0.02"]
     run = dcf_zenoh.simulate("position_swap", changes=detour)
     assert run.arrival_time is not None
     assert run.barriers.min() >= 0

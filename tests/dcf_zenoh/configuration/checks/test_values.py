@@ -35,10 +35,10 @@ def found(*changes: str, source: str | Path = "position_swap", run_plugins: bool
         ("plants.twin.mass=-0.03", f"plants.twin: Crazyflie {REFUSED} {HEAVY} -0.03"),
         ("plants.twin.mass=0.08", f"plants.twin: Crazyflie {REFUSED} {HEAVY} 0.08"),
         ("agents.3.plants.twin.mass=0.08", f"agents.3.plants.twin: Crazyflie {REFUSED} {HEAVY} 0.08"),
-        ("problem.horizon=0", f"problem: PositionSwap {REFUSED} horizon must be positive, not 0"),
+        ("problem.prediction.horizon=0", "problem.prediction: horizon must be positive, not 0"),
         (
-            "agents.4.problem.accel_max=-1.0",
-            f"agents.4.problem: PositionSwap {REFUSED} accel_max must be positive, not -1.0",
+            "agents.4.problem.prediction.accel_max=-1.0",
+            "agents.4.problem.prediction: accel_max must be positive, not -1.0",
         ),
         (
             "agents.3.start=[0.2, -0.9]",
@@ -52,9 +52,9 @@ def test_what_built_in_kinds_refuse_is_one_line(change: str, said: str, run_plug
 
 
 def test_problem_of_one_agent_does_not_hide_that_of_another_table() -> None:
-    assert found("plants.twin.mass=1.0", "problem.horizon=0", "plants.point.accel_max=0.0") == [
+    assert found("plants.twin.mass=1.0", "problem.prediction.horizon=0", "plants.point.accel_max=0.0") == [
+        "problem.prediction: horizon must be positive, not 0",
         f"plants.twin: Crazyflie {REFUSED} {HEAVY} 1.0",  # nobody flies the other plant
-        f"problem: PositionSwap {REFUSED} horizon must be positive, not 0",
     ]
 
 
@@ -89,7 +89,7 @@ def test_what_has_a_problem_already_is_not_told_twice() -> None:
 
 def test_agents_may_start_on_the_edge_of_a_safety_region() -> None:
     load("position_swap", changes=["agents.2.start=[0.35, 0.925]"])  # h = 0.7 + 0.3 - 1
-    load("position_swap", changes=["agents.2.start=[0.1, 0.9]", "problem.radii=[0.1, 0.1]"])
+    load("position_swap", changes=["agents.2.start=[0.1, 0.9]", "problem.barrier.radii=[0.1, 0.1]"])
 
 
 def test_a_start_has_at_least_two_components_in_the_plane() -> None:

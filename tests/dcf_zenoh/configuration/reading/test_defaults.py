@@ -20,8 +20,8 @@ class Odd:
 
 def test_defaults_of_all_plugins_in_use_are_filled_in() -> None:
     spec = load("position_swap").spec
-    assert spec.problem.options["radii"] == [0.5, 0.25]
-    assert spec.problem.options["horizon"] == 3
+    assert spec.problem.options["barrier"]["radii"] == [0.5, 0.25]
+    assert spec.problem.options["prediction"]["horizon"] == 3
     assert spec.algorithm.options == {"order": "adapt_then_combine", "step": 0.05, "multiplier_max": 1e3}
     assert spec.plants["point"].options == {"accel_max": 2.0}
     assert spec.controller is not None
@@ -30,7 +30,7 @@ def test_defaults_of_all_plugins_in_use_are_filled_in() -> None:
 
 def test_defaults_are_written_out() -> None:
     table = tomllib.loads(to_toml(load("position_swap").spec))
-    assert table["problem"]["radii"] == [0.5, 0.25]
+    assert table["problem"]["barrier"]["radii"] == [0.5, 0.25]
     assert table["algorithm"]["multiplier_max"] == 1e3
     assert table["plants"]["point"] == {"kind": "point_mass", "accel_max": 2.0}
     assert table["controller"]["kind"] == "receding_horizon"
@@ -45,10 +45,8 @@ def test_file_wins_over_the_default_and_an_agent_over_the_file(file: Path) -> No
 
 
 def test_agent_overrides_a_default_that_the_file_does_not_mention() -> None:
-    spec = load(
-        "position_swap", changes=["agents.2.problem.gather_weight=3.0", "agents.3.plants.point.accel_max=9"]
-    ).spec
-    assert [spec.agent(i).problem.options["gather_weight"] for i in spec.ids] == [1.0, 3.0, 1.0, 1.0]
+    spec = load("position_swap", changes=["agents.2.problem.cost.gather=3.0", "agents.3.plants.point.accel_max=9"]).spec
+    assert [spec.agent(i).problem.options["cost"]["gather"] for i in spec.ids] == [1.0, 3.0, 1.0, 1.0]
     assert [spec.agent(i).plant.options["accel_max"] for i in spec.ids] == [2.0, 2.0, 9, 2.0]  # type: ignore[union-attr]
 
 
@@ -83,10 +81,13 @@ def test_plugins_of_others_are_not_run_for_their_defaults_unless_told(file: Path
 
 def test_what_all_agents_must_share_cannot_be_overridden_by_one() -> None:
     with pytest.raises(ConfigurationError) as caught:
-        load("position_swap", changes=["agents.2.problem.radii=[1.0, 1.0]", "agents.3.problem.horizon=4"])
+        load(
+            "position_swap",
+            changes=["agents.2.problem.barrier.radii=[1.0, 1.0]", "agents.3.problem.prediction.horizon=4"],
+        )
     assert caught.value.problems == (
-        "agents.2.problem.radii: must be the same at every agent; set it in [problem]",
-        "agents.3.problem.horizon: must be the same at every agent; set it in [problem]",
+        "agents.2.problem.barrier.radii: must be the same at every agent; set it in [problem]",
+        "agents.3.problem.prediction.horizon: must be the same at every agent; set it in [problem]",
     )
 
 

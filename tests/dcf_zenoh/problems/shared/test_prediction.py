@@ -5,14 +5,14 @@ from scipy.linalg import solve_discrete_are
 
 from dcf_zenoh.plant import Array, Setpoint, State
 from dcf_zenoh.problems.shared.prediction import Prediction, state_ahead
+from dcf_zenoh.problems.shared.swap_options import CostOptions, PredictionOptions
 
 T, H = 0.2, 4
 
 
 def prediction(lag: float | None) -> Prediction:
-    return Prediction.of(
-        T, H, state_weight=(5.0, 4.0, 3.0, 2.0), input_weight=(2.0, 1.0), terminal_weight=1.5, velocity_lag=lag
-    )
+    cost = CostOptions(state=(5.0, 4.0, 3.0, 2.0), input=(2.0, 1.0), terminal=1.5)
+    return Prediction.of(T, PredictionOptions(H, velocity_lag=lag), cost)
 
 
 def flown(state: Array, inputs: Array, lag: float | None) -> list[Array]:
