@@ -3,11 +3,13 @@
 import gc
 import signal
 from collections import defaultdict
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-import agentd  # noqa: F401 - one thread for the linear algebra, as in every run, whatever else is imported first
+from agentd.cli import main  # agentd first: one thread for the linear algebra, as in every run
+from tests.support.command_line import Answer
 from tests.support.daemons import TRIO
 from tests.support.durations import LONG, key, recorded
 
@@ -44,3 +46,15 @@ def trio(tmp_path: Path) -> Path:
     """The fleet file of `TRIO`, three agents on the wall clock."""
     (tmp_path / "trio.toml").write_text(TRIO)
     return tmp_path / "trio.toml"
+
+
+@pytest.fixture
+def agentd(capfd: pytest.CaptureFixture[str]) -> Callable[..., Answer]:
+    """Run a command line in this process."""
+
+    def run(*words: str | Path) -> Answer:
+        capfd.readouterr()
+        code = main([str(word) for word in words])
+        return Answer(code, *capfd.readouterr())
+
+    return run

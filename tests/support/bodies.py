@@ -4,6 +4,7 @@ from pathlib import Path
 
 import dcf_zenoh
 from dcf_zenoh.records.run import Run
+from tests.support.small_fleet import small_fleet
 
 BODY = """\
 import json
@@ -54,38 +55,6 @@ class Body(PointMass):
     def close(self):
         self.note("close")
 """
-FLEET = """
-name = "phases"
-
-[time]
-clock = "virtual"
-duration = {duration}
-
-[topology]
-kind = "path"
-
-[problem]
-kind = "position_swap"
-
-[algorithm]
-kind = "trades"
-
-[plants.body]
-kind = "./body.py:Body"
-diary = "{diary}"
-
-[agents.1]
-start = [0.0, 1.0]
-target = [0.0, -1.0]
-
-[agents.2]
-start = [0.0, -1.0]
-target = [0.0, 1.0]
-
-[agents.3]
-start = [1.0, 0.0]
-target = [-1.0, 0.0]
-"""
 PHASES = ["prepare", "inspect", "arm", "take_off", "settle", "go_to_start"]
 
 
@@ -99,7 +68,14 @@ class Sandbox:
 
     def write(self, duration: float) -> None:
         """Write the fleet file."""
-        self.file.write_text(FLEET.format(diary=self.diary, duration=duration))
+        text = small_fleet(
+            "phases",
+            plant=None,
+            time={"clock": "virtual", "duration": duration},
+            topology={"kind": "path"},
+            plants={"body": {"kind": "./body.py:Body", "diary": str(self.diary)}},
+        )
+        self.file.write_text(text)
 
     def fly(self, *changes: str, duration: float = 1.0) -> Run:
         """Fly in the simulator."""

@@ -14,40 +14,13 @@ from typing import Any, Self
 from agentd.run_directory import read_run_json
 from dcf_zenoh.records.agent_log import AgentLog
 from dcf_zenoh.records.writer import log_name
+from tests.support.small_fleet import small_fleet
 from tests.support.waiting import until
 
 PROCESSES = Path("/proc")
 
 # Three agents that change places, for longer than any test lasts.
-TRIO = """
-name = "trio"
-plant = "point"
-
-[time]
-clock = "wall"
-duration = 60.0
-
-[problem]
-kind = "position_swap"
-
-[algorithm]
-kind = "trades"
-
-[plants.point]
-kind = "point_mass"
-
-[agents.1]
-start = [0.0, 1.0]
-target = [0.0, -1.0]
-
-[agents.2]
-start = [0.0, -1.0]
-target = [0.0, 1.0]
-
-[agents.3]
-start = [1.0, 0.0]
-target = [-1.0, 0.0]
-"""
+TRIO = small_fleet("trio", time={"clock": "wall", "duration": 60.0})
 
 
 def launch_virtual(fleet: str | Path, out: Path, *options: str) -> dict[str, Any]:

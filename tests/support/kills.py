@@ -22,46 +22,21 @@ from dcf_zenoh.config import LoadedFleet, freeze, load
 from dcf_zenoh.errors import DcfError
 from dcf_zenoh.records.agent_log import AgentLog
 from dcf_zenoh.records.writer import log_name
+from tests.support.small_fleet import small_fleet
 
 AT_ONCE = 3  # fleets
 DEADLINE = 15.0  # s for the survivors of a fleet to end
 LATEST = 1.6  # s after the fork; by then the fleet has said goodbye
 
-FLEET = """
-name = "short"
-plant = "point"
-[time]
-clock = "wall"
-sample_time = 0.05
-duration = 0.8
-[exchange]
-budget = 0.04
-max_rounds = 20
-round_timeout = 0.002
-[safety]
-neighbour_silent = { after = 0.2, then = "continue" }
-[zenoh]
-ready_timeout = 3.0
-[controller]
-kind = "receding_horizon"
-sharing = "piggyback"
-lost_after = 0.2
-[problem]
-kind = "position_swap"
-[algorithm]
-kind = "trades_robust"
-[plants.point]
-kind = "point_mass"
-[agents.1]
-start = [0.0, 1.0]
-target = [0.0, -1.0]
-[agents.2]
-start = [0.0, -1.0]
-target = [0.0, 1.0]
-[agents.3]
-start = [1.0, 0.0]
-target = [-1.0, 0.0]
-"""
+FLEET = small_fleet(
+    "short",
+    time={"clock": "wall", "sample_time": 0.05, "duration": 0.8},
+    exchange={"budget": 0.04, "max_rounds": 20, "round_timeout": 0.002},
+    safety={"neighbour_silent": {"after": 0.2, "then": "continue"}},
+    zenoh={"ready_timeout": 3.0},
+    controller={"kind": "receding_horizon", "sharing": "piggyback", "lost_after": 0.2},
+    algorithm={"kind": "trades_robust"},
+)
 
 
 class Fleet:

@@ -9,37 +9,8 @@ from typing import IO, Self, cast
 
 from plants.crazyflie.emulator.truth import Record, read_truth
 from tests.support.daemons import Launch
+from tests.support.small_fleet import small_fleet
 
-# Agents hover where they start: what is tested is the flight around the control loop.
-HOVERING = """
-name = "hovering"
-
-[time]
-clock = "wall"
-duration = 60.0
-
-[exchange]
-max_rounds = 4             # little work for the machine
-budget = 0.1
-
-[problem]
-kind = "position_swap"
-
-[algorithm]
-kind = "trades"
-
-[plants.hardware]
-kind = "crazyflie_hardware"
-connection.cache = "{cache}"
-connection.retries = 25    # the machine may be busy
-watchdog.state_age_max = 1.5
-"""
-AGENT = """
-[agents.{agent}]
-start = {place}
-target = {place}
-plants.hardware.uri = "{uri}"
-"""
 PLACES = ([0.0, 0.7], [0.0, -0.7])
 
 
@@ -134,11 +105,30 @@ class Swarm:
     def fleet(self, folder: Path, drones: tuple[int, ...], more: str = "") -> Path:
         """A fleet file whose agents 1, 2, ... are these drones, which are put at their starts."""
         folder.mkdir(parents=True)
-        text = HOVERING.format(cache=folder.parent / "tables")
+        agents = {}
         for agent, drone in enumerate(drones, 1):
             place = PLACES[agent - 1]
             self.say(drone, f"place {place[0]} {place[1]}")
-            text += AGENT.format(agent=agent, place=place, uri=self.drones[drone].uri)
+            uri = {"plants": {"hardware": {"uri": self.drones[drone].uri}}}
+            agents[str(agent)] = {
+                "start": place,
+                "target": place,
+                **uri,
+            }  # what is tested is the flight around the loop
+        text = small_fleet(
+            "hovering",
+            plant=None,
+            time={"clock": "wall", "duration": 60.0},
+            exchange={"max_rounds": 4, "budget": 0.1},  # little work for the machine
+            plants={
+                "hardware": {
+                    "kind": "crazyflie_hardware",
+                    "connection": {"cache": str(folder.parent / "tables"), "retries": 25},  # the machine may be busy
+                    "watchdog": {"state_age_max": 1.5},
+                }
+            },
+            agents=agents,
+        )
         (folder / "hovering.toml").write_text(text + more)
         return folder / "hovering.toml"
 

@@ -12,6 +12,7 @@ import dcf_zenoh
 from dcf_zenoh import Run
 from dcf_zenoh.errors import AlgorithmError, DcfError, NumericalError, PlantError
 from tests.support.daemons import PROCESSES, Launch
+from tests.support.small_fleet import small_fleet
 from tests.support.waiting import until
 
 pytestmark = [
@@ -20,28 +21,15 @@ pytestmark = [
     pytest.mark.skipif(not (PROCESSES / "self").exists(), reason="processes are found in /proc"),
 ]
 
-FRAGILE = """
-name = "fragile"
-plant = "body"
-
-[time]
-duration = 2.0
-
-[problem]
-kind = "./fragile.py:Hover"
-
-[algorithm]
-kind = "./fragile.py:fragile"
-
-[plants.body]
-kind = "./fragile.py:Body"
-
-[agents.1]
-start = [0.0, 0.0]
-
-[agents.2]
-start = [1.0, 0.0]
-"""
+FRAGILE = small_fleet(
+    "fragile",
+    plant="body",
+    time={"duration": 2.0},
+    problem={"kind": "./fragile.py:Hover"},
+    algorithm={"kind": "./fragile.py:fragile"},
+    plants={"body": {"kind": "./fragile.py:Body"}},
+    agents={"1": {"start": [0.0, 0.0]}, "2": {"start": [1.0, 0.0]}},
+)
 
 PLUGINS = """\
 import math

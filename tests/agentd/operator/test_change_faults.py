@@ -24,6 +24,7 @@ from dcf_zenoh.configuration.building.fault_links import window_of
 from dcf_zenoh.rounds.receiver import Passed
 from tests.support.command_line import Answer
 from tests.support.daemons import PROCESSES, Launch
+from tests.support.small_fleet import small_fleet
 from tests.support.waiting import until
 
 pytestmark = [pytest.mark.real_time, pytest.mark.whole_fleet]
@@ -48,45 +49,19 @@ def talk(problem, me):
             break
     return me.result(np.zeros(2))
 """
-FLEET = """
-name = "talk"
-
-[time]
-clock = "wall"
-duration = 300.0
-
-[exchange]
-round_timeout = 0.03
-
-[safety.neighbour_silent]
-then = "continue"
-
-[problem]
-kind = "./talk.py:Hover"
-
-[algorithm]
-kind = "./talk.py:talk"
-
-[controller]
-kind = "receding_horizon"
-sharing = "piggyback"
-
-[plants.point_mass]
-
-[agents.1]
-start = [0.0, 0.0]
-
-[agents.2]
-start = [1.0, 0.0]
-
-[agents.3]
-start = [2.0, 0.0]
-
-[[faults.rule]]
-from = 3
-to = 2
-duplication = 0.0
-"""
+FLEET = small_fleet(
+    "talk",
+    plant=None,
+    time={"clock": "wall", "duration": 300.0},
+    exchange={"round_timeout": 0.03},
+    safety={"neighbour_silent": {"then": "continue"}},
+    problem={"kind": "./talk.py:Hover"},
+    algorithm={"kind": "./talk.py:talk"},
+    controller={"kind": "receding_horizon", "sharing": "piggyback"},
+    plants={"point_mass": {}},
+    agents={"1": {"start": [0.0, 0.0]}, "2": {"start": [1.0, 0.0]}, "3": {"start": [2.0, 0.0]}},
+)
+FLEET += "[[faults.rule]]\nfrom = 3\nto = 2\nduplication = 0.0\n"
 IDS = (1, 2, 3)
 NOWHERE = "tcp/127.0.0.1:9"  # where nobody listens
 
