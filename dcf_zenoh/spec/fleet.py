@@ -49,7 +49,8 @@ class Rounds(Table):
     """Rounds of a control step: number, time, when they end, and what stands in for missing values."""
 
     mode: Literal["synchronous", "asynchronous"] = Field(
-        default="synchronous", description="rounds in step with the neighbours, or activations at instants of one's own"
+        default="synchronous",
+        description="rounds in step with the neighbours, or activations at each agent's own instants",
     )
     period: PositiveFloat | None = Field(
         default=None, description="asynchronous: s between an agent's activations; none: budget / max_rounds"
@@ -135,7 +136,7 @@ class AgentTable(Table):
     )
     problem: dict[str, Any] = Field(default_factory=dict, description="keys of [problem] that differ for this agent")
     plants: dict[str, dict[str, Any]] = Field(default_factory=dict, description="keys of [plants.NAME] that differ")
-    exchange: Activation = Field(default_factory=Activation, description="its rhythm in asynchronous mode")
+    exchange: Activation = Field(default_factory=Activation, description="its activations in asynchronous mode")
     faults: AgentFaults = Field(default_factory=AgentFaults, description="crash, pause, slow")
 
 

@@ -60,5 +60,7 @@ class Safety(Table):
     )
     speed: LimitRule | None = Field(default=None, description="of the body, and of setpoints")
     acceleration: LimitRule | None = Field(default=None, description="of setpoints")
-    separation: SeparationRule | None = Field(default=None, description="to each neighbour, from what it says")
+    separation: SeparationRule | None = Field(
+        default=None, description="to each neighbour, by the positions that both sensed"
+    )
     missed_deadlines: LateRule | None = None

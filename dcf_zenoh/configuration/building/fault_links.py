@@ -129,7 +129,7 @@ class Recipe:
     plugin: Plugin
     values: Mapping[str, Any]
     folder: Path
-    asked: tuple[str, ...]
+    arguments: tuple[str, ...]
 
     @classmethod
     def of(cls, name: str, table: FaultTable, folder: Path) -> "Recipe":
@@ -146,9 +146,9 @@ class Recipe:
         return cls(name, plugin, values, folder, tuple(positional(plugin)))
 
     @property
-    def asks_for_link(self) -> bool:
+    def depends_on_link(self) -> bool:
         """Whether the fault can differ from link to link."""
-        return not {"link", "sender", "receiver"}.isdisjoint(self.asked)
+        return not {"link", "sender", "receiver"}.isdisjoint(self.arguments)
 
     def make(self, sender: int, receiver: int) -> Fault:
         """Make the fault of one link.
@@ -159,7 +159,7 @@ class Recipe:
         link = FaultLink(sender, receiver, self.folder)
         context = {"link": link, **link._asdict()}
         try:
-            fault = self.plugin(*(context[name] for name in self.asked), **self.values)
+            fault = self.plugin(*(context[name] for name in self.arguments), **self.values)
         except Exception as error:
             raise PluginError(f"{self.name}: {name_of(self.plugin)} refused its options: {reason(error)}") from error
         if not isinstance(fault, Fault):

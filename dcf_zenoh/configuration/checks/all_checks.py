@@ -5,13 +5,13 @@ from pathlib import Path
 from typing import Any
 
 from dcf_zenoh.configuration.building.graph import draw, weights_of
-from dcf_zenoh.configuration.checks.absences import check_agents
+from dcf_zenoh.configuration.checks.agent_faults import check_agent_faults
 from dcf_zenoh.configuration.checks.bodies import check_arena, check_body
-from dcf_zenoh.configuration.checks.faults import check_links
 from dcf_zenoh.configuration.checks.layouts import check_layout
+from dcf_zenoh.configuration.checks.link_faults import check_link_faults
 from dcf_zenoh.configuration.checks.needs import check_needs
 from dcf_zenoh.configuration.checks.plugin_lookup import PluginLookup
-from dcf_zenoh.configuration.checks.times import check_rhythm, check_time, check_timeout
+from dcf_zenoh.configuration.checks.times import check_activations, check_time, check_timeout
 from dcf_zenoh.configuration.checks.values import check_values
 from dcf_zenoh.diagnostics import Diagnostics, listed, nearest
 from dcf_zenoh.errors import PluginError, TopologyError
@@ -37,7 +37,7 @@ def check(
     _check_starts(spec, diagnostics)
     check_arena(spec, diagnostics)
     check_time(spec, diagnostics, notes)
-    check_rhythm(spec, diagnostics, notes)
+    check_activations(spec, diagnostics, notes)
     _check_endpoints(spec, diagnostics)
     lookup = PluginLookup(folder, run_plugins, diagnostics, notes)
     _check_problem(spec, lookup)
@@ -56,9 +56,8 @@ def check(
     if not diagnostics:
         check_layout(spec, lookup)
     check_needs(spec, folder, graph, diagnostics, run_plugins=run_plugins)
-    check_timeout(
-        spec, diagnostics, losers=[*check_links(spec, graph, lookup), *check_agents(spec, diagnostics, notes)]
-    )
+    losers = [*check_link_faults(spec, graph, lookup), *check_agent_faults(spec, diagnostics, notes)]
+    check_timeout(spec, diagnostics, losers)
 
 
 def _check_plant_names(spec: FleetSpec, diagnostics: Diagnostics) -> None:

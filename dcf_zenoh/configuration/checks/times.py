@@ -40,14 +40,14 @@ def check_time(spec: FleetSpec, diagnostics: Diagnostics, notes: list[str]) -> N
         )
 
 
-def check_rhythm(spec: FleetSpec, diagnostics: Diagnostics, notes: list[str]) -> None:
+def check_activations(spec: FleetSpec, diagnostics: Diagnostics, notes: list[str]) -> None:
     """Check the activations of asynchronous mode, and note keys that have no effect in the chosen mode."""
     rounds = spec.exchange
-    rhythm = {"exchange.period": rounds.period, "exchange.jitter": rounds.jitter or None}
+    activations = {"exchange.period": rounds.period, "exchange.jitter": rounds.jitter or None}
     for agent, own in spec.agents.items():
-        rhythm[f"agents.{agent}.exchange.period"] = own.exchange.period
-        rhythm[f"agents.{agent}.exchange.jitter"] = own.exchange.jitter
-    given = [key for key, value in rhythm.items() if value is not None]
+        activations[f"agents.{agent}.exchange.period"] = own.exchange.period
+        activations[f"agents.{agent}.exchange.jitter"] = own.exchange.jitter
+    given = [key for key, value in activations.items() if value is not None]
     if rounds.mode == "synchronous":
         if given:
             notes.append(f"{listed(given)}: without effect, as exchange.mode is 'synchronous'")

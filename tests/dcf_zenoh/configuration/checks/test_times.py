@@ -72,7 +72,7 @@ def test_keys_of_the_other_mode_are_without_effect(file: Path) -> None:
         ),
     ],
 )
-def test_rhythm_has_bounds(file: Path, change: str, problem: str) -> None:
+def test_activations_have_bounds(file: Path, change: str, problem: str) -> None:
     assert problems(file, ASYNCHRONOUS, change) == [problem]
 
 
@@ -84,6 +84,6 @@ def test_times_beyond_all_reason_are_refused(file: Path, key: str) -> None:
 def test_agent_follows_the_fleet_where_it_says_nothing(file: Path) -> None:
     changes = [ASYNCHRONOUS, "exchange.jitter=0.001", "agents.2.exchange.period=0.01", "agents.3.exchange.jitter=0"]
     spec = load(file, changes=changes).spec
-    rhythms = [(spec.activation(i).period, spec.activation(i).jitter) for i in spec.ids]
-    assert rhythms == [(0.00375, 0.001), (0.01, 0.001), (0.00375, 0.0), (0.00375, 0.001)]
+    activations = [(spec.activation(i).period, spec.activation(i).jitter) for i in spec.ids]
+    assert activations == [(0.00375, 0.001), (0.01, 0.001), (0.00375, 0.0), (0.00375, 0.001)]
     assert load(file, changes=[*changes, "exchange.period=0.02"]).spec.activation(4).period == 0.02

@@ -57,7 +57,7 @@ def test_the_dead_do_not_pause(tmp_path: Path) -> None:
         ("pause=[3,3.5]", ""),
     ],
 )
-def test_silence_that_ends_the_run_is_foretold(tmp_path: Path, change: str, note: str) -> None:
+def test_silence_that_ends_the_run_is_noted(tmp_path: Path, change: str, note: str) -> None:
     path = lossy(tmp_path, "")
     assert load(path, changes=[f"agents.2.faults.{change}"]).notes == ((note,) if note else ())
     patient = ["safety.neighbour_silent.then=continue", f"agents.2.faults.{change}"]

@@ -165,7 +165,7 @@ def test_rule_that_acts_on_some_links_or_at_some_times_is_none_too_many(tmp_path
     assert load(lossy(tmp_path, f"[faults]\nloss = 0.1\n[[faults.rule]]\n{later}")).notes == ()
 
 
-def test_cut_that_lasts_is_foretold(tmp_path: Path) -> None:
+def test_cut_that_lasts_is_noted(tmp_path: Path) -> None:
     path = lossy(tmp_path)
     assert load(path).notes == ()
     assert load(path, changes=["faults.rule.2.during=[4,6]"]).notes == (

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from dcf_zenoh.configuration.building.fault_links import Recipe
-from dcf_zenoh.configuration.checks.absences import GO_ON, check_window
+from dcf_zenoh.configuration.checks.agent_faults import HOW_TO_GO_ON, check_window
 from dcf_zenoh.configuration.checks.plugin_lookup import PluginLookup
 from dcf_zenoh.configuration.checks.times import LONGEST
 from dcf_zenoh.configuration.reading.fault_shorthand import RULE_KEYS
@@ -41,12 +41,12 @@ class _Rule:
         """Begin and end of the time in which the rule applies, s."""
         return self.rule.during or ALWAYS
 
-    def meets(self, other: "_Rule") -> bool:
+    def overlaps(self, other: "_Rule") -> bool:
         """Return whether this rule applies to some of the links and times of another."""
         (begin, end), (other_begin, other_end) = self.window, other.window
         return begin < other_end and other_begin < end and not set(self.links).isdisjoint(other.links)
 
-    def covered(self, others: Sequence["_Rule"]) -> bool:
+    def covered_by(self, others: Sequence["_Rule"]) -> bool:
         """Return whether other rules together apply to all links and times of this one."""
         windows: dict[tuple[int, int], list[tuple[float, float]]] = {link: [] for link in self.links}
         for other in others:
@@ -55,7 +55,7 @@ class _Rule:
         return all(_filled(self.window, each) for each in windows.values())
 
 
-def check_links(spec: FleetSpec, graph: Graph | None, lookup: PluginLookup) -> list[str]:
+def check_link_faults(spec: FleetSpec, graph: Graph | None, lookup: PluginLookup) -> list[str]:
     """Check [faults].
 
     Args:
@@ -136,7 +136,7 @@ def _check_named(spec: FleetSpec, key: str, plugin: Plugin, options: dict[str, A
 def _check_made(key: str, fault: FaultTable, schema: Schema, links: Pairs, lookup: PluginLookup) -> None:
     """Construct the fault of each link, and add what its constructor refuses."""
     recipe = Recipe.of(key, fault, lookup.folder)
-    for link in links if recipe.asks_for_link else links[:1]:
+    for link in links if recipe.depends_on_link else links[:1]:
         try:
             recipe.make(*link)
         except PluginError as error:
@@ -188,9 +188,9 @@ def _check_overruled(rules: Sequence[_Rule], diagnostics: Diagnostics) -> None:
     """Add an error for each fault that can never act because of later rules."""
     for place, each in enumerate(rules):
         for name in each.rule.faults:
-            later = [other for other in rules[place + 1 :] if name in other.rule.faults and other.meets(each)]
-            if each.links and each.covered(later):
-                winners = [other for other in later if each.covered([other])][:1] or later
+            later = [other for other in rules[place + 1 :] if name in other.rule.faults and other.overlaps(each)]
+            if each.links and each.covered_by(later):
+                winners = [other for other in later if each.covered_by([other])][:1] or later
                 come = "comes later," if len(winners) == 1 else "come later, together"
                 diagnostics.add(
                     f"{each.key}.{name}",
@@ -203,7 +203,7 @@ def _note_cut(spec: FleetSpec, key: str, plugin: Plugin, rule: FaultRule, notes:
     silent = spec.safety.neighbour_silent
     lasts = LONGEST if rule.during is None else rule.during[1] - rule.during[0]
     if silent.then == "land" and lasts > silent.after and getattr(plugin, "STAGE", None) is Stage.CUT:
-        notes.append(f"{key}: the run ends when a link is cut for more than {silent.after:g} s{GO_ON}")
+        notes.append(f"{key}: the run ends when a link is cut for more than {silent.after:g} s{HOW_TO_GO_ON}")
 
 
 def _no_agent(spec: FleetSpec, agent: object) -> str:

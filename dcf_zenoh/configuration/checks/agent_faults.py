@@ -4,16 +4,16 @@ from dcf_zenoh.configuration.checks.times import LONGEST
 from dcf_zenoh.diagnostics import Diagnostics
 from dcf_zenoh.spec import FleetSpec
 
-GO_ON = ", by safety.neighbour_silent.then = 'land'; 'continue' goes on"
+HOW_TO_GO_ON = ", by safety.neighbour_silent.then = 'land'; 'continue' goes on"
 
 
-def check_agents(spec: FleetSpec, diagnostics: Diagnostics, notes: list[str]) -> list[str]:
+def check_agent_faults(spec: FleetSpec, diagnostics: Diagnostics, notes: list[str]) -> list[str]:
     """Check the faults of agents.
 
     Returns:
         Keys of the faults that keep an agent from sending.
     """
-    absences: list[str] = []
+    silencing: list[str] = []
     silent = spec.safety.neighbour_silent
     for agent, own in spec.agents.items():
         key, faults = f"agents.{agent}.faults", own.faults
@@ -36,13 +36,13 @@ def check_agents(spec: FleetSpec, diagnostics: Diagnostics, notes: list[str]) ->
                 diagnostics.add(f"{key}.slow.factor", f"expected at most {LONGEST:g}, not {faults.slow.factor:g}")
             if spec.time.clock == "virtual" and spec.exchange.compute_time == 0:
                 notes.append(f"{key}.slow: without effect on the virtual clock, as exchange.compute_time is 0")
-        absences += gone
+        silencing += gone
         notes += [
-            f"{each}: the run ends when agent {agent} has been silent for {silent.after:g} s{GO_ON}"
+            f"{each}: the run ends when agent {agent} has been silent for {silent.after:g} s{HOW_TO_GO_ON}"
             for each, lasts in gone.items()
             if silent.then == "land" and lasts > silent.after and len(spec.agents) > 1
         ]
-    return absences
+    return silencing
 
 
 def check_window(spec: FleetSpec, key: str, window: tuple[float, float], diagnostics: Diagnostics) -> None:
