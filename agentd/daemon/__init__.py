@@ -1,1 +1,1 @@
-"""One agent as a process: composition root, runners, inbound messages, operators' requests."""
+"""One agent as a process: composition root, runners, reading from the network, requests of operators."""

@@ -1,4 +1,4 @@
-"""One agent as a process of its own: the only place that joins plant, controller, network and clock."""
+"""One agent as a process: the composition root, where plant, controller, network and clock come together."""
 
 import hashlib
 import json
@@ -28,23 +28,24 @@ from dcf_zenoh.runner import Runner, drive
 from dcf_zenoh.spec import FleetSpec
 
 log = logging.getLogger(__name__)
-GOODBYE_TIMEOUT = 2.0  # s to wait for the neighbours' goodbyes
-SEND_TIMEOUT = 0.5  # s that sending may wait for a neighbour that takes nothing, on the wall clock
-CLOCK_OFFSET_MAX = 0.02  # s between two machines on the wall clock
+GOODBYE_TIMEOUT = 2.0  # s, longest wait for the neighbours' goodbyes
+SEND_TIMEOUT = 0.5  # s, longest wait of a message for a neighbour that accepts none, on the wall clock
+CLOCK_OFFSET_MAX = 0.02  # s, largest offset between two machines on the wall clock
 
 
 @dataclass(frozen=True)
 class Assignment:
-    """What a daemon has to know beside the fleet file.
+    """Task of a daemon, in addition to the fleet file.
 
     Attributes:
-        agent: Which agent it is.
+        agent: Id of the agent to run.
         run: Name of the run; part of all keys.
-        folder: The run directory.
-        endpoints: Where every agent listens.
-        rejoin: The fleet is under way, and this agent was in it before.
-        status: Where a launcher reads status lines, whose end closes standard input; None: nobody launched this one.
-        agreed: A person has agreed to the take-off.
+        folder: Run directory.
+        endpoints: Agent -> endpoint on which it listens.
+        rejoin: Whether the agent joins its running fleet again, after an earlier incarnation.
+        status: Stream of status lines to the launcher, which holds the other end of standard input; None: there is no
+            launcher.
+        agreed: Whether a person has agreed to the take-off.
     """
 
     agent: int
@@ -57,7 +58,7 @@ class Assignment:
 
 
 def fingerprint(fleet: LoadedFleet) -> str:
-    """A short hash of all that must be the same at every agent: protocol, resolved fleet, plug-in files."""
+    """Return a short hash of all that must be the same at every agent: protocol, resolved fleet, plug-in files."""
     total = hashlib.sha256(f"{VERSION}\n{to_toml(fleet.spec)}".encode())
     plugins = fleet.folder / "plugins.json"
     if plugins.is_file():
@@ -69,11 +70,11 @@ def run_agent(fleet: LoadedFleet, task: Assignment) -> Last:
     """Run one agent to its planned end.
 
     Raises:
-        DcfError: Whatever ended it before its time.
+        DcfError: The error that ended it early.
     """
     blueprint = Blueprint.of(fleet)
-    hood = blueprint.neighbourhood(task.agent)
-    linked = sorted({*hood.receives_from, *hood.sends_to})
+    neighbourhood = blueprint.neighbourhood(task.agent)
+    linked = sorted({*neighbourhood.receives_from, *neighbourhood.sends_to})
     address = Address(
         prefix=f"dcf/{fleet.spec.name}/{task.run}",
         listen=task.endpoints[task.agent],
@@ -86,7 +87,9 @@ def run_agent(fleet: LoadedFleet, task: Assignment) -> Last:
     emergency = EmergencyStop()
     with (
         open_log(task.folder, task.agent, again=task.rejoin) as stream,
-        Network(task.agent, hood, address, lambda request: emergency.pull() if request == HALT else None) as network,
+        Network(
+            task.agent, neighbourhood, address, lambda request: emergency.pull() if request == HALT else None
+        ) as network,
         listening(network, emergency, supervised=task.status is not None),
     ):
         if task.agreed:
@@ -95,16 +98,21 @@ def run_agent(fleet: LoadedFleet, task: Assignment) -> Last:
         if restart and not network.start:
             raise NetworkError(f"agent {task.agent}: --rejoin: this fleet has not started yet")
         _check_offsets(task.agent, offsets, wall=fleet.spec.time.clock == "wall")
-        about = {
+        header = {
             "run": task.run,
             "incarnation": incarnation,
             "clock_offsets": {j: (offset.ahead, offset.error) for j, offset in offsets.items()},
         }
         status = Status(task.agent, task.status)
-        parts = blueprint.build(task.agent, stream, about, status.observe, restart)
+        parts = blueprint.build(task.agent, stream, header, status.observe, restart)
         emergency.guard(parts.plant)
         control = Control(
-            task.agent, fleet, hood.receives_from, parts.links, parts.recorder, lambda why: network.notify(Stop(why))
+            task.agent,
+            fleet,
+            neighbourhood.receives_from,
+            parts.links,
+            parts.recorder,
+            lambda why: network.notify(Stop(why)),
         )
         if restart:
             control.restore(changes_in(read_log(fleet.spec, task.folder, task.agent)))
@@ -113,19 +121,18 @@ def run_agent(fleet: LoadedFleet, task: Assignment) -> Last:
         finally:
             parts.plant.close()
             for command in network.unanswered():
-                if command.request == HALT:  # it reached the body, and that ended the loop before the loop answered
-                    command.reply(control.obey(command.request, 0))
+                if command.request == HALT:  # it has stopped the body, and the loop has ended without an answer
+                    command.reply(control.handle(command.request, 0))
     if ending.cause:
         raise ending.cause
     return ending.last
 
 
 def restart_of(fleet: FleetSpec, folder: Path, agent: int) -> Restart:
-    """What an agent left behind in its log.
+    """Return how an agent restarts, from its log.
 
     Raises:
-        RecordingError: There is no log, or no state in it; or it is damaged, so that what was appended to it could not
-            be read.
+        RecordingError: There is no log, or no state in it; or it is damaged, so that further records could not be read.
     """
     log = read_log(fleet, folder, agent)
     if log.damage:
@@ -137,10 +144,10 @@ def restart_of(fleet: FleetSpec, folder: Path, agent: int) -> Restart:
 
 
 def read_log(fleet: FleetSpec, folder: Path, agent: int) -> AgentLog:
-    """What an agent has recorded in its earlier lives.
+    """Read the log of an agent's earlier incarnations.
 
     Raises:
-        RecordingError: There is no log, it cannot be read, or it is another's.
+        RecordingError: There is no log, it cannot be read, or it belongs to another agent or fleet.
     """
     try:
         return AgentLog.load(folder, agent, fleet)
@@ -149,19 +156,19 @@ def read_log(fleet: FleetSpec, folder: Path, agent: int) -> AgentLog:
 
 
 def claim_stdout() -> TextIO:
-    """Keep standard output for status lines; whatever else is printed, by plug-ins say, goes to standard error."""
+    """Reserve standard output for status lines; other output, for example of plug-ins, goes to standard error."""
     stream = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)
-    sys.stdout = sys.stderr  # which is not buffered: what is printed comes before the error that ends it all
+    sys.stdout = sys.stderr  # unbuffered: output comes before the error that ends the process
     return stream
 
 
 class Status:
-    """Tells the launcher how the agent is doing: one JSON object per line.
+    """Status lines to the launcher: one JSON object per line.
 
     Args:
-        agent: Id.
-        stream: Read by the launcher; None: there is none.
+        agent: Id of the agent.
+        stream: Stream that the launcher reads; None: there is no launcher.
     """
 
     def __init__(self, agent: int, stream: TextIO | None) -> None:
@@ -173,7 +180,7 @@ class Status:
         """Report a finished step."""
         self._late += record.late
         half = len(record.state) // 2
-        self._tell(
+        self._write(
             step=record.step,
             rounds=record.rounds,
             late=self._late,
@@ -182,16 +189,16 @@ class Status:
         )
 
     def report(self, phase: Report) -> None:
-        """Report that a phase of the flight begins, and what the inspection has found."""
-        self._tell(phase=phase.phase, checks=phase.checks)
+        """Report that a phase of the flight begins, and the results of the inspection."""
+        self._write(phase=phase.phase, checks=phase.checks)
 
-    def _tell(self, **what: Any) -> None:
+    def _write(self, **entries: Any) -> None:
         if self._stream is None:
             return
         try:
-            print(json.dumps({"agent": self._agent, **what}), file=self._stream, flush=True)
+            print(json.dumps({"agent": self._agent, **entries}), file=self._stream, flush=True)
         except (BrokenPipeError, ValueError):
-            self._stream = None  # nobody reads; the log has it all
+            self._stream = None  # the launcher has ended; the log has everything
 
 
 def _run(
@@ -202,7 +209,7 @@ def _run(
     control: Control,
     status: Status,
 ) -> Ending:
-    """Lead the loop to its end, and at a planned one stay until the neighbours have ended too."""
+    """Drive the loop to its end; after a planned end, stay until the neighbours have ended too."""
 
     def report(phase: Report) -> None:
         status.report(phase)
@@ -212,7 +219,7 @@ def _run(
     zenoh = fleet.spec.zenoh
     runner: Runner
     if fleet.spec.time.clock == "wall":
-        runner = WallRunner(parts, network, offsets, control.obey, report)
+        runner = WallRunner(parts, network, offsets, control.handle, report)
     else:
         runner = VirtualRunner(parts, network, zenoh.receive_timeout, zenoh.ready_timeout, report)
     ending = drive(parts.loop, runner)
@@ -222,7 +229,7 @@ def _run(
 
 
 def _check_offsets(agent: int, offsets: dict[int, ClockOffset], *, wall: bool) -> None:
-    """Refuse to fly on clocks that disagree.
+    """Refuse a flight on the wall clock if the clocks of two machines disagree.
 
     Raises:
         NetworkError: A neighbour's clock is too far off for a common start.

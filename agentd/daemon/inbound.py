@@ -20,7 +20,7 @@ class Inbound:
         network: The session.
         mailbox: Mailbox that takes the messages.
         stamp: Message -> when it entered the link and when it was received, fleet time in ns; called when it is read.
-        obey: Carries out an operator's request and returns the answer.
+        handle: Carries out an operator's request and returns the answer.
 
     Attributes:
         agreed: Whether a person has agreed to the take-off.
@@ -31,12 +31,12 @@ class Inbound:
         network: Network,
         mailbox: Mailbox,
         stamp: Callable[[Message], tuple[int, int]],
-        obey: Callable[[bytes], bytes] = lambda _request: b"",
+        handle: Callable[[bytes], bytes] = lambda _request: b"",
     ) -> None:
         self._network = network
         self._mailbox = mailbox
         self._stamp = stamp
-        self._obey = obey
+        self._handle = handle
         self.agreed = False
 
     def wait(self, sender: int, deadline: float) -> bool:
@@ -74,7 +74,7 @@ class Inbound:
         elif isinstance(event, Hello):
             self._answer(event)
         elif isinstance(event, Command):
-            event.reply(self._obey(event.request))
+            event.reply(self._handle(event.request))
         elif isinstance(event, Agreed):
             self.agreed = True
         return event is not None

@@ -1,8 +1,6 @@
-"""What operators ask of an agent while the fleet flies: what is said on the wire, and what the daemon does.
+"""Requests of operators to a running agent, on the wire and in the daemon: change link faults, end the flight.
 
-Faults can be changed, and the flight ended.
-
-Requests and answers are maps in msgpack. What an agent has done stands in its log in the same form.
+Requests and answers are maps in msgpack. The log of an agent has the changes that were applied, in the same form.
 """
 
 import json
@@ -32,7 +30,7 @@ Senders = Annotated[tuple[AgentId, ...], Field(min_length=1)]
 
 
 class Change(Table):
-    """Let a fault act on what comes from `senders`, from now on, whatever was said before of this name."""
+    """Apply a fault to the links from `senders` from now on, in place of an earlier change of this name."""
 
     do: Literal["set"] = "set"
     senders: Senders
@@ -41,14 +39,14 @@ class Change(Table):
 
 
 class Clear(Table):
-    """End all that was changed on the links from `senders`."""
+    """End all changes of the links from `senders`."""
 
     do: Literal["clear"] = "clear"
     senders: Senders
 
 
 class Show(Table):
-    """Tell what was changed so far."""
+    """Return the changes applied so far."""
 
     do: Literal["show"] = "show"
 
@@ -60,17 +58,17 @@ class Land(Table):
 
 
 class Halt(Table):
-    """Motors off at once. It is for the body, wherever the loop is; the loop ends and answers."""
+    """Stop the motors at once. It reaches the body past the loop, which then ends and answers."""
 
     do: Literal["stop"] = "stop"
 
 
-class Done(Table):
-    """What an agent has done.
+class AppliedChange(Table):
+    """Change that an agent has applied.
 
     Attributes:
-        time: Since when, fleet time in ns.
-        change: What it was asked for.
+        time: When it was applied, fleet time in ns.
+        change: The request.
     """
 
     time: Annotated[int, Field(ge=0)]
@@ -78,27 +76,27 @@ class Done(Table):
 
 
 class Answer(Table):
-    """What an agent answers.
+    """Answer of an agent.
 
     Attributes:
-        agent: Id.
+        agent: Id of the agent.
         time: Fleet time, ns.
-        error: Why it has not done what it was asked for; empty if it has.
-        senders: Whose links to this agent have changed.
-        changes: All that was changed so far, if that was the question.
+        error: Why it has refused the request; empty if it has carried it out.
+        senders: Senders of the links that have changed.
+        changes: Changes applied so far, in answer to `Show`.
     """
 
     agent: AgentId
     time: Annotated[int, Field(ge=0)] = 0
     error: str = ""
     senders: tuple[AgentId, ...] = ()
-    changes: tuple[Done, ...] = ()
+    changes: tuple[AppliedChange, ...] = ()
 
 
-Order: TypeAlias = Change | Clear | Show | Land | Halt
-_REQUEST: TypeAdapter[Order] = TypeAdapter(Annotated[Order, Field(discriminator="do")])
+OperatorRequest: TypeAlias = Change | Clear | Show | Land | Halt
+_REQUEST: TypeAdapter[OperatorRequest] = TypeAdapter(Annotated[OperatorRequest, Field(discriminator="do")])
 _ANSWER = TypeAdapter(Answer)
-_DONE = TypeAdapter(Done)
+_APPLIED = TypeAdapter(AppliedChange)
 
 
 def _plain(item: Table) -> dict[str, Any]:
@@ -106,7 +104,7 @@ def _plain(item: Table) -> dict[str, Any]:
 
 
 def encode(item: Table) -> bytes:
-    """A request or an answer as bytes."""
+    """Encode a request or an answer as bytes."""
     data: bytes = msgpack.packb(_plain(item))
     return data
 
@@ -114,8 +112,8 @@ def encode(item: Table) -> bytes:
 HALT = encode(Halt())
 
 
-def decode_request(data: bytes) -> Order:
-    """What an operator asks for.
+def decode_request(data: bytes) -> OperatorRequest:
+    """Decode a request.
 
     Raises:
         MessageError: The bytes are not a request.
@@ -124,7 +122,7 @@ def decode_request(data: bytes) -> Order:
 
 
 def decode_answer(data: bytes, agent: int) -> Answer:
-    """What `agent` answers; one that takes no orders says so without a word.
+    """Decode an answer of `agent`; an empty one means that it takes no requests now.
 
     Raises:
         MessageError: The bytes are not an answer.
@@ -134,28 +132,28 @@ def decode_answer(data: bytes, agent: int) -> Answer:
     return _decode(data, _ANSWER, LONGEST_ANSWER, "an answer")
 
 
-def changes_in(log: AgentLog) -> tuple[Done, ...]:
-    """What was changed according to the log of an agent, in the order of time.
+def changes_in(log: AgentLog) -> tuple[AppliedChange, ...]:
+    """Return the changes in the log of an agent, in the order of time.
 
     Raises:
-        MessageError: The log says what nobody can have asked for.
+        MessageError: An entry of the log is not a change.
     """
     found = [each for each in log.events if each["event"] == EVENT]
     return tuple(
-        _check({"time": each["time"], "change": each.get("change")}, _DONE, "a change of faults") for each in found
+        _check({"time": each["time"], "change": each.get("change")}, _APPLIED, "a change of faults") for each in found
     )
 
 
 class Control:
-    """Changes the faults on the links to one agent.
+    """Carries out operators' requests to one agent.
 
     Args:
-        agent: Id.
+        agent: Id of the agent.
         fleet: Its fleet.
-        neighbours: Whom it hears.
-        links: Neighbour -> faults of the link from it, as the agent uses them; links without any are added.
+        neighbours: Its in-neighbours.
+        links: Neighbour -> fault chain of the link from it, as the agent uses it; missing ones are added.
         recorder: Its log.
-        end: Ends the flight, for a reason.
+        end: Ends the flight, for a reason in words.
     """
 
     def __init__(
@@ -173,10 +171,10 @@ class Control:
         self._links = links
         self._recorder = recorder
         self._end = end
-        self._done: list[Done] = []
+        self._applied: list[AppliedChange] = []
 
-    def obey(self, data: bytes, now: int) -> bytes:
-        """Do what an operator asks for, or nothing of it.
+    def handle(self, data: bytes, now: int) -> bytes:
+        """Carry out a request as a whole, or nothing of it.
 
         Args:
             data: The request.
@@ -191,27 +189,27 @@ class Control:
         try:
             request = decode_request(data)
             if isinstance(request, Show):
-                return encode(Answer(agent=self._agent, time=now, changes=tuple(self._done)))
+                return encode(Answer(agent=self._agent, time=now, changes=tuple(self._applied)))
             if isinstance(request, Land | Halt):
                 self._end("landed by an operator" if isinstance(request, Land) else "emergency stop by an operator")
                 return encode(Answer(agent=self._agent, time=now))
-            self._do(done := Done(time=now, change=request))
+            self._apply(applied := AppliedChange(time=now, change=request))
         except (MessageError, ConfigurationError) as error:
             return encode(Answer(agent=self._agent, time=now, error=str(error)))
-        self._recorder.event(EVENT, now, change=_plain(done.change))
+        self._recorder.event(EVENT, now, change=_plain(applied.change))
         return encode(Answer(agent=self._agent, time=now, senders=request.senders))
 
-    def restore(self, changes: Iterable[Done]) -> None:
-        """Do again what was done in an earlier life of this agent.
+    def restore(self, changes: Iterable[AppliedChange]) -> None:
+        """Apply again the changes of an earlier incarnation of this agent.
 
         Raises:
-            ConfigurationError: It is no longer possible.
+            ConfigurationError: A change is no longer possible.
         """
-        for done in changes:
-            self._do(done)
+        for applied in changes:
+            self._apply(applied)
 
-    def _do(self, done: Done) -> None:
-        what = done.change
+    def _apply(self, applied: AppliedChange) -> None:
+        what = applied.change
         if strangers := sorted(set(what.senders) - set(self._neighbours)):
             raise MessageError(
                 f"agent {self._agent} does not hear {listed(strangers)}; it hears {listed(self._neighbours)}"
@@ -219,7 +217,7 @@ class Control:
         if isinstance(what, Clear):
             for j in what.senders:
                 if j in self._links:
-                    self._links[j].clear(done.time)
+                    self._links[j].clear(applied.time)
         else:
             spec, folder, name = self._fleet.spec, self._fleet.folder, what.name
             if problems := refusals(spec, folder, name, what.fault):
@@ -227,8 +225,8 @@ class Control:
             faults = {j: fault_of(name, what.fault, j, self._agent, folder) for j in what.senders}
             for j, fault in faults.items():
                 link = self._links.setdefault(j, FaultChain(spec.seed, j, self._agent))
-                link.add(name, (done.time, inf), fault)
-        self._done.append(done)
+                link.add(name, (applied.time, inf), fault)
+        self._applied.append(applied)
 
 
 def _decode(data: bytes, adapter: TypeAdapter[T], longest: int, what: str) -> T:
@@ -244,7 +242,7 @@ def _decode(data: bytes, adapter: TypeAdapter[T], longest: int, what: str) -> T:
 def _check(found: object, adapter: TypeAdapter[T], what: str) -> T:
     if not isinstance(found, Mapping):
         raise MessageError(f"not {what}: expected a map, not {type(found).__name__}")
-    try:  # strict JSON knows neither bytes nor numbers in strings
+    try:  # strict JSON has neither bytes nor numbers in strings
         return adapter.validate_json(json.dumps(found, allow_nan=False), strict=True)
     except ValidationError as error:
         first = error.errors(include_url=False, include_context=False)[0]

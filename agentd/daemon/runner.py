@@ -31,7 +31,7 @@ class WallRunner(Runner):
         parts: The agent.
         network: Its session.
         offsets: Neighbour -> how far its clock is ahead.
-        obey: Carries out an operator's request at a fleet time, in ns, and returns the answer.
+        handle: Carries out an operator's request at a fleet time, in ns, and returns the answer.
         report: Called with each phase of the flight.
     """
 
@@ -40,16 +40,16 @@ class WallRunner(Runner):
         parts: AgentParts,
         network: Network,
         offsets: Mapping[int, ClockOffset],
-        obey: Callable[[bytes, int], bytes] = lambda _request, _now: b"",
+        handle: Callable[[bytes, int], bytes] = lambda _request, _now: b"",
         report: Callable[[Report], None] = lambda _report: None,
     ) -> None:
         super().__init__()
         self._network = network
         self._mailbox = parts.mailbox
-        self._obey = obey
+        self._handle = handle
         self._report = report
         self._clock = WallClock()
-        self._inbound = Inbound(network, parts.mailbox, Stamps(self._clock.now, offsets), self._obey_now)
+        self._inbound = Inbound(network, parts.mailbox, Stamps(self._clock.now, offsets), self._handle_now)
         if network.start:  # the fleet is already running
             self._clock.start(network.start)
 
@@ -110,8 +110,8 @@ class WallRunner(Runner):
             self._inbound.drain(j)
         self._mailbox.skip_gaps()  # in asynchronous mode no time-out does that
 
-    def _obey_now(self, request: bytes) -> bytes:
-        return self._obey(request, max(0, self._clock.now()) if self._network.start else 0)  # 0 before the start
+    def _handle_now(self, request: bytes) -> bytes:
+        return self._handle(request, max(0, self._clock.now()) if self._network.start else 0)  # 0 before the start
 
 
 class VirtualRunner(Runner):

@@ -1,4 +1,4 @@
-"""Who may tell a daemon what to do while it runs: the launcher, a terminal, signals, and operators over Zenoh."""
+"""Requests to end a run that reach a daemon by its launcher, a terminal or a signal, and the emergency stop."""
 
 import os
 import signal
@@ -16,20 +16,20 @@ TAKE_OFF, LAND, STOP = "take off", "land", "stop"
 
 
 class EmergencyStop:
-    """Stops a body from outside the agent's loop, however busy that is.
+    """Stops a body past the agent's loop, which may be busy.
 
-    It can be pulled from any thread, also from one that must not wait, and before there is a body.
+    It can be pulled from any thread, even one that must not wait, and before there is a body.
     """
 
     def __init__(self) -> None:
         self._pulled = threading.Event()
 
     def pull(self) -> None:
-        """Stop all motion at once."""
+        """Stop the body at once."""
         self._pulled.set()
 
     def guard(self, plant: Plant) -> None:
-        """Be there for `plant` as long as the process lives."""
+        """Stop `plant` as soon as the emergency stop is pulled, for as long as the process lives."""
 
         def wait() -> None:
             self._pulled.wait()
@@ -42,8 +42,8 @@ class EmergencyStop:
 def listening(network: Network, emergency: EmergencyStop, *, supervised: bool) -> Iterator[None]:
     """Turn signals and lines on standard input into events while the body runs.
 
-    A launcher holds the other end of standard input: its end is the launcher's. Without one, a terminal is listened
-    to, if this process may read from it.
+    With a launcher (`supervised`), the end of standard input means that the launcher has ended. Without one, lines are
+    read from the terminal, if this process may read from it.
     """
 
     def on_signal(number: int, _frame: FrameType | None) -> None:
@@ -54,7 +54,7 @@ def listening(network: Network, emergency: EmergencyStop, *, supervised: bool) -
         while data := os.read(0, 1024):
             *lines, rest = (rest + data).split(b"\n")
             for line in lines:
-                _obey(line.decode(errors="replace").strip(), network, emergency)
+                _on_line(line.decode(errors="replace").strip(), network, emergency)
         if supervised:
             network.notify(Stop("stopped by the launcher's end"))
 
@@ -69,14 +69,14 @@ def listening(network: Network, emergency: EmergencyStop, *, supervised: bool) -
 
 
 def in_foreground() -> bool:
-    """Whether standard input is a terminal that this process may read from."""
+    """Return whether standard input is a terminal that this process may read from."""
     try:
         return sys.stdin.isatty() and os.tcgetpgrp(0) == os.getpgrp()
     except (OSError, ValueError, AttributeError):  # closed, or a system without process groups
         return False
 
 
-def _obey(line: str, network: Network, emergency: EmergencyStop) -> None:
+def _on_line(line: str, network: Network, emergency: EmergencyStop) -> None:
     if line == TAKE_OFF:
         network.notify(Agreed())
     elif line == LAND:

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from agentd.daemon.operator_protocol import Answer, Change, Clear, Done, Show, changes_in, encode
+from agentd.daemon.operator_protocol import Answer, AppliedChange, Change, Clear, Show, changes_in, encode
 from agentd.fault_rules import inline_toml, rules_to_toml, short_table
 from agentd.operator.fault_history import FaultPeriod, fault_periods, fault_rules, overview
 from agentd.operator.query import print_complaints, query_agents
@@ -94,7 +94,9 @@ def _export(run: RunningFleet, periods: Iterable[FaultPeriod]) -> None:
         _print_note(f"with these rules at the end of the fleet file: {line}")
 
 
-def _history(run: RunningFleet, agents: Iterable[int]) -> tuple[dict[int, int], dict[int, tuple[Done, ...]], list[str]]:
+def _history(
+    run: RunningFleet, agents: Iterable[int]
+) -> tuple[dict[int, int], dict[int, tuple[AppliedChange, ...]], list[str]]:
     """Collect the changes of faults from the agents, and from the logs of those that do not answer.
 
     Returns:

@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
-from agentd.daemon.operator_protocol import Change, Done, changes_in
+from agentd.daemon.operator_protocol import AppliedChange, Change, changes_in
 from agentd.fault_rules import inline_toml, short_ids, short_table
 from dcf_zenoh.configuration.building.fault_links import window_of
 from dcf_zenoh.records.run import Run
@@ -34,7 +34,7 @@ class FaultPeriod(NamedTuple):
         return receiver == self.receiver and sender in self.senders
 
 
-def fault_periods(receiver: int, changes: Sequence[Done]) -> list[FaultPeriod]:
+def fault_periods(receiver: int, changes: Sequence[AppliedChange]) -> list[FaultPeriod]:
     """Return when each change on links to an agent acts, in the order of the changes.
 
     A change of several links that ends at different times makes one period for each of these times.

@@ -12,13 +12,13 @@ from hypothesis import strategies as st
 from agentd.daemon.operator_protocol import (
     HALT,
     Answer,
+    AppliedChange,
     Change,
     Clear,
     Control,
-    Done,
     Halt,
     Land,
-    Order,
+    OperatorRequest,
     Show,
     changes_in,
     decode_answer,
@@ -51,7 +51,7 @@ class Daemon:
 
     def tell(self, request: Any, now: int = 0) -> Answer:
         data = encode(request) if isinstance(request, Table) else msgpack.packb(request)
-        return decode_answer(self.control.obey(data, now), 2)
+        return decode_answer(self.control.handle(data, now), 2)
 
     @property
     def log(self) -> AgentLog:
@@ -77,12 +77,15 @@ def daemon(tmp_path: Path) -> Daemon:
         Halt(),
     ],
 )
-def test_request_comes_out_as_it_went_in(request_: Order) -> None:
+def test_request_comes_out_as_it_went_in(request_: OperatorRequest) -> None:
     assert decode_request(encode(request_)) == request_
 
 
 def test_answer_comes_out_as_it_went_in() -> None:
-    done = Done(time=5, change=Change(senders=(1,), name="loss", fault=LOSS)), Done(time=7, change=Clear(senders=(1,)))
+    done = (
+        AppliedChange(time=5, change=Change(senders=(1,), name="loss", fault=LOSS)),
+        AppliedChange(time=7, change=Clear(senders=(1,))),
+    )
     answer = Answer(agent=2, time=9, senders=(1,), changes=done)
     assert decode_answer(encode(answer), 2) == answer
 
@@ -120,7 +123,7 @@ def test_what_is_malformed_gets_an_error_and_changes_nothing(data: bytes, daemon
     with pytest.raises(MessageError, match=r"^not a request: "):
         decode_request(data)
     before = daemon.stream.getvalue()
-    answer = decode_answer(daemon.control.obey(data, 3), 2)
+    answer = decode_answer(daemon.control.handle(data, 3), 2)
     assert answer.error.startswith("not a request: ")
     assert (answer.senders, daemon.links, daemon.stream.getvalue()) == ((), {}, before)
 
@@ -134,7 +137,7 @@ def test_bytes_are_a_request_or_a_message_error(data: bytes) -> None:
 def test_operators_end_the_flight_and_get_an_answer(daemon: Daemon) -> None:
     assert daemon.tell(Land(), 4 * S) == Answer(agent=2, time=4 * S)
     assert daemon.ends == ["landed by an operator"]
-    assert decode_answer(daemon.control.obey(HALT, 5 * S), 2) == Answer(agent=2, time=5 * S)
+    assert decode_answer(daemon.control.handle(HALT, 5 * S), 2) == Answer(agent=2, time=5 * S)
     assert daemon.ends[1:] == ["emergency stop by an operator"]
 
 
