@@ -41,25 +41,25 @@ class AbsoluteValue(ConsensusProblem):
         self.unconstrained = self._box.everything
 
     def cost(self, x: Array) -> float:
-        """The weighted distance to the value."""
+        """Return the weighted distance to the value."""
         return float(self._weight @ abs(x - self._value))
 
     def gradient(self, x: Array) -> Array:
-        """A subgradient: weight sign(x - value), 0 at the value."""
+        """Return a subgradient: weight sign(x - value), 0 at the value."""
         slopes: Array = self._weight * np.sign(x - self._value)
         return slopes
 
     def argmin(self, slope: Array, weight: float) -> Array:
-        """Component by component: the value, or what is left of the way to the least square, or the bound before it."""
-        pull = slope + weight * self._value  # of the rest of the cost, at the kink
+        """Return the minimiser, by soft thresholding in each component: see `ConsensusProblem.argmin`."""
+        pull = slope + weight * self._value  # slope of the smooth terms at the kink
         beyond = np.sign(pull) * np.maximum(abs(pull) - self._weight, 0.0)
         return self._box.nearest(self._value - beyond / weight)
 
     def project(self, x: Array) -> Array:
-        """The nearest point within the bounds."""
+        """Return the nearest point within the bounds."""
         return self._box.nearest(x)
 
     def share(self) -> Share:
-        """As arrays."""
+        """Return the problem as arrays."""
         flat = np.zeros((self.size, self.size))
         return Share(flat, np.zeros(self.size), *self._box, absolute=self._weight, kink=self._value, common=True)

@@ -15,15 +15,15 @@ from dcf_zenoh.errors import AlgorithmError
 from dcf_zenoh.plant import Array, read_only
 from dcf_zenoh.problems.share import Share
 
-TOLERANCE = 1e-11  # of the solver, absolute and relative
-SYMMETRIC = 1e-12  # relative; a matrix that is less so makes no quadratic cost
+TOLERANCE = 1e-11  # tolerance of the solver, absolute and relative
+SYMMETRIC = 1e-12  # relative asymmetry; a larger one makes no quadratic cost
 
 
 def solve_together(shares: Mapping[int, Share]) -> dict[int, Array]:
-    """What every agent should decide: the minimiser of the sum of costs, or the variational equilibrium of the game.
+    """Return the decisions of all agents: the minimiser of the sum of costs, or the variational equilibrium of a game.
 
     Args:
-        shares: Agent -> its share, of the whole fleet.
+        shares: Agent -> share, of all agents of the fleet.
 
     Returns:
         Agent -> decision.
@@ -33,13 +33,22 @@ def solve_together(shares: Mapping[int, Share]) -> dict[int, Array]:
     """
     if any(share.t.size for share in shares.values()):
         raise AlgorithmError("there is no solution in one place: the shared constraints are not linear")
-    whole = assembled([share for _, share in sorted(shares.items())])
+    whole = assemble([share for _, share in sorted(shares.items())])
     v = _minimiser(whole) if whole.symmetric else _equilibrium(whole)
     return {agent: read_only(v[places]) for agent, places in zip(sorted(shares), whole.places, strict=True)}
 
 
-class Whole(NamedTuple):
-    """(M v + r)'(w - v) >= 0 for all w with low <= G w <= high; agent number i decides v[places[i]]."""
+class VariationalInequality(NamedTuple):
+    """Find v with low <= G v <= high and (M v + r)'(w - v) >= 0 for all w with low <= G w <= high.
+
+    Attributes:
+        M: Shape (n, n).
+        r: Shape (n,).
+        G: Shape (rows, n).
+        low: Shape (rows,); -inf where there is no bound.
+        high: Shape (rows,); inf where there is no bound.
+        places: Slices of v, one for the decision of each agent.
+    """
 
     M: Array
     r: Array
@@ -50,13 +59,13 @@ class Whole(NamedTuple):
 
     @property
     def symmetric(self) -> bool:
-        """M is that of a quadratic cost: what all agents minimise together."""
+        """Whether M is that of a quadratic cost, which all agents minimise together."""
         scale = max(1.0, float(abs(self.M).max(initial=0.0)))
         return bool((abs(self.M - self.M.T) <= SYMMETRIC * scale).all())
 
 
-def assembled(shares: list[Share]) -> Whole:
-    """The problem of all agents; each kink adds a variable t >= absolute |u - kink|, which is paid for."""
+def assemble(shares: list[Share]) -> VariationalInequality:
+    """Return the problem of all agents; each kink adds t >= absolute |u - kink| to the variables and to the cost."""
     common, equality = (bool(np.any([getattr(each, name) for each in shares])) for name in ("common", "equality"))
     sizes = [len(each.g) for each in shares]
     ends = np.cumsum(sizes).tolist()
@@ -71,9 +80,9 @@ def assembled(shares: list[Share]) -> Whole:
     for place, each in zip(places, shares, strict=True):
         M[place, place] += each.H
         r[place] += each.g
-        for other, their in zip(places, shares, strict=True) if each.K.size else ():
-            M[place, other] += each.K @ their.Phi / len(shares)
-            r[place] += each.K @ their.phi / len(shares)
+        for other, share in zip(places, shares, strict=True) if each.K.size else ():
+            M[place, other] += each.K @ share.Phi / len(shares)
+            r[place] += each.K @ share.phi / len(shares)
 
     rows: list[Array] = []
     low: list[float] = []
@@ -93,21 +102,21 @@ def assembled(shares: list[Share]) -> Whole:
         for sign in (1.0, -1.0):
             add(sign * weight * eye[entry] - eye[decided + extra], -np.inf, sign * weight * kink)
     for row in range(len(shares[0].b)):
-        whole = np.zeros(size)
+        shared = np.zeros(size)
         for place, each in zip(places, shares, strict=True):
-            whole[place] += each.A[row]
+            shared[place] += each.A[row]
         total = float(np.sum([each.b[row] for each in shares]))
-        add(whole, total if equality else -np.inf, total)
-    return Whole(M, r, np.array(rows).reshape(-1, size), np.array(low), np.array(high), places)
+        add(shared, total if equality else -np.inf, total)
+    return VariationalInequality(M, r, np.array(rows).reshape(-1, size), np.array(low), np.array(high), places)
 
 
-def _minimiser(whole: Whole) -> Array:
-    """Where a symmetric M is that of a quadratic cost."""
+def _minimiser(whole: VariationalInequality) -> Array:
+    """Return the solution where M is symmetric: the minimiser of v'M v / 2 + r'v."""
     return _osqp(whole.M, whole.r, whole.G, whole.low, whole.high)
 
 
-def _equilibrium(whole: Whole) -> Array:
-    """The solution of a variational inequality that is monotone, as that of a convex quadratic program.
+def _equilibrium(whole: VariationalInequality) -> Array:
+    """Return the solution of a monotone variational inequality, as that of a convex quadratic program.
 
     Its conditions are M v + r + A'y = 0, A v <= b, y >= 0 (free for equations) and y'(b - A v) = 0. Under the first
     three, y'(b - A v) = v'M v + r'v + b'y >= 0, so its least value is 0, and there the fourth holds too. It is convex
@@ -132,12 +141,12 @@ def _equilibrium(whole: Whole) -> Array:
 
 
 def _osqp(P: Array, q: Array, G: Array, low: Array, high: Array) -> Array:
-    """The z with the least z'P z / 2 + q'z under low <= G z <= high."""
+    """Return the z with the least z'P z / 2 + q'z under low <= G z <= high."""
     solver = osqp.OSQP()
     solver.setup(
         sparse.csc_matrix(np.triu(P)), q, sparse.csc_matrix(G), low, high,
         verbose=False, eps_abs=TOLERANCE, eps_rel=TOLERANCE, max_iter=200_000,
-        adaptive_rho_interval=50,  # counted, never timed: the same bits again
+        adaptive_rho_interval=50,  # in iterations, not in time: the same bits again
     )  # fmt: skip
     found = solver.solve(raise_error=False)
     if found.info.status != "solved":

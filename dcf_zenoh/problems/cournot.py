@@ -11,18 +11,18 @@ from dcf_zenoh.problems.shared.box import Box
 class Cournot(CoupledGame, Game):
     """Each agent chooses how much of a good to make; the more all make, the lower its price.
 
-    It minimises J_i = c x_i - x_i (price - slope sum_j x_j) over x_i >= 0. All know the price and the slope; what the
-    others make is seen, or estimated as N sigma, with sigma the mean over the fleet. With a capacity, they keep
-    sum_i x_i <= capacity.
+    An agent minimises J_i = c x_i - x_i (price - slope sum_j x_j) over x_i >= 0. Price and slope are
+    the same at all agents. The amount that all make is observed, or estimated as N sigma, with sigma the mean over the
+    fleet. With a capacity, sum_i x_i <= capacity.
 
     Args:
         agent: Id of this agent.
         agents: Ids of all agents, ascending.
         cost: c.
-        price: Paid where nothing is made.
-        slope: By how much the price falls for each piece; positive.
-        capacity: Most that all together can make; None: no such limit.
-        upper: Most that the agent can make; None: no such limit.
+        price: Price where nothing is made.
+        slope: Fall of the price for each piece that is made; positive.
+        capacity: Most that all together can make; None: no limit.
+        upper: Most that the agent can make; None: no limit.
 
     Raises:
         ValueError: The slope is not positive, or a limit is negative.
@@ -58,31 +58,31 @@ class Cournot(CoupledGame, Game):
         self._box = Box.of(1, 0.0, upper)
 
     def start(self, last: Array | None) -> Array:
-        """What was made last, or nothing."""
+        """Return the amount of the last decision, or 0."""
         return np.zeros(1) if last is None else last
 
     def contribution(self, u: Array) -> Array:
-        """What the agent makes."""
+        """Return the amount that the agent makes."""
         return u
 
     def gradient(self, u: Array, sigma: Array) -> Array:
-        """The derivative of J_i where the others make N sigma - u."""
+        """Return the derivative of J_i where the others make N sigma - u."""
         return self._margin + self._slope * (len(self.players) * sigma + u)
 
     def pseudo_gradient(self, profile: Array) -> Array:
-        """The derivative of J_i where all make `profile`."""
+        """Return the derivative of J_i where all make `profile`."""
         return self.gradient(profile[self._place], profile.mean(axis=0))
 
     def coupling(self, u: Array) -> Array:
-        """What the agent makes beyond its part of the capacity."""
+        """Return the amount that the agent makes beyond its part of the capacity."""
         return self.A @ u - self.b
 
     def project(self, u: Array) -> Array:
-        """The nearest amount that the agent can make."""
+        """Return the nearest amount that the agent can make."""
         return self._box.nearest(u)
 
     def share(self) -> Share:
-        """As arrays."""
+        """Return the problem as arrays."""
         one, zero = np.eye(1), np.zeros(1)
         return Share(
             self._slope * one,

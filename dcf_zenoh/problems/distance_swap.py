@@ -1,4 +1,4 @@
-"""Agents change places in the plane and keep a true distance: the position swap with ellipses for diamonds."""
+"""Agents change places in the plane and keep a true distance: the position swap with ellipses instead of diamonds."""
 
 import copy
 from collections.abc import Mapping
@@ -24,8 +24,8 @@ from dcf_zenoh.problems.shared.swap_options import (
 )
 
 IN_LINE = 0.01  # m; where a coordinate of two agents differs by less, they are in line
-ASIDE = 0.1  # m; by which the one with the lower id is then taken to be aside
-TINY = 1e-9  # of a scaled distance, which has no derivative at 0
+ASIDE = 0.1  # m; offset at which the tangent is then taken, of the one with the lower id
+TINY = 1e-9  # least scaled distance, which has no derivative at 0
 
 
 class DistanceSwap:
@@ -34,7 +34,7 @@ class DistanceSwap:
     Every pair keeps e = sqrt((dx / r1)² + (dy / r2)²) - 1 >= 0, by e[l+1] >= (1 - gamma) e[l] along the prediction;
     that is a distance where r1 = r2. It is not linear in the plans, and needs no signs that are held over the horizon.
     The diamond is in the ellipse, so its barrier h is at least e. Where two agents are in line, in x or in y, tangents
-    of e beside their paths stand for e, so that they do not push at each other for ever.
+    of e next to their paths replace e, which leads them out of a deadlock face to face.
 
     Args:
         agent: Id of this agent.
@@ -79,25 +79,25 @@ class DistanceSwap:
 
     @property
     def target(self) -> Array:
-        """Where this agent wants to be, shape (2,), in m."""
+        """Target of this agent, shape (2,), in m."""
         return self._swap.target
 
     def toward(self, target: Array) -> "DistanceSwap":
-        """The same problem with another target, shape (2,), in m."""
+        """Return the same problem with another target, shape (2,), in m."""
         other = copy.copy(self)
         other._swap = self._swap.toward(target)
         return other
 
     def distance_to_go(self, state: State) -> float:
-        """Distance to the target in the plane, in m."""
+        """Return the distance to the target in the plane, in m."""
         return self._swap.distance_to_go(state)
 
     def ahead(self, state: State, flown: Setpoint | None, delay: float) -> Array:
-        """Where the body is after `delay` (s) with the setpoint that it is flying, by the agent's model."""
+        """Return the state [position, velocity] after `delay` (s) with the setpoint `flown`, by the agent's model."""
         return self._swap.ahead(state, flown, delay)
 
     def check_starts(self, starts: Mapping[int, Array]) -> dict[int, str]:
-        """Agent -> what is wrong with its start: it is too close to an agent with a lower id."""
+        """Return agent -> text, for starts too close to an agent with a lower id."""
         found = self._swap.check_starts(starts)
         for i, j in combinations(sorted(starts.keys() - found.keys()), 2):
             apart = starts[i][np.newaxis, :2] - starts[j][:2]
@@ -107,7 +107,7 @@ class DistanceSwap:
         return found
 
     def separation(self, own: Array, other: Array) -> Array:
-        """Return the barrier value h of `PositionSwap`, shape (...), so that runs of both compare; it is at least e."""
+        """Return the barrier value h of `PositionSwap`, shape (...): at least e, and comparable between the two."""
         return self._swap.separation(own, other)
 
     def outline(self, position: Array) -> Array:
@@ -115,7 +115,7 @@ class DistanceSwap:
         return self._swap.outline(position)
 
     def at(self, states: Mapping[int, Array]) -> "DistanceGame":
-        """The game of one control step, given agent -> [position, velocity], shape (2 d,) with d 2 or 3, of all."""
+        """Return the game of one control step, given agent -> [position, velocity], shape (2 d,) with d 2 or 3."""
         return DistanceGame(self._swap, {agent: planar(state) for agent, state in states.items()})
 
 
@@ -123,7 +123,7 @@ class DistanceGame(NonlinearGame):
     """One agent's view of the game of one control step; costs and bounds are those of `SwapGame`.
 
     An output is an agent's predicted path, [p[1], .., p[H]], shape (2 H,). The constraints are ordered by the other
-    agent's id, then by stage. Their second derivative has both signs, and is left out.
+    agent's id, then by stage. Their second derivative is indefinite, and is left out.
     """
 
     def __init__(self, swap: PositionSwap, states: Mapping[int, Array]) -> None:
@@ -134,27 +134,27 @@ class DistanceGame(NonlinearGame):
         self.t = np.concatenate([power[:2] @ states[swap.agent] for power in swap.powers[1:]])
 
     def start(self, last: Array | None) -> Array:
-        """The last plan moved on by one stage, or no input at all."""
+        """Return the last plan shifted by one stage, or no input at all."""
         return self._game.start(last)
 
     def contribution(self, u: Array) -> Array:
-        """phi(u): predicted end position, shape (2,), in m."""
+        """Return phi(u), the predicted end position, shape (2,), in m."""
         return self._game.contribution(u)
 
     def gradient(self, u: Array, sigma: Array) -> Array:
-        """Pseudo-gradient, shape (2 H,); see `SwapGame`."""
+        """Return the pseudo-gradient, shape (2 H,); see `SwapGame`."""
         return self._game.gradient(u, sigma)
 
     def project(self, u: Array) -> Array:
-        """Nearest input within the bound."""
+        """Return the nearest input within the bound."""
         return self._game.project(u)
 
     def setpoint(self, decision: Array, stage: int) -> Setpoint | None:
-        """What `decision` plans for `stage`; see `SwapGame`."""
+        """Return the setpoint of `stage`; see `SwapGame`."""
         return self._game.setpoint(decision, stage)
 
     def constraints(self, outputs: Array) -> tuple[Array, Array]:
-        """(1 - gamma) e[l] - e[l+1] of each other agent and l = 0 .. H-1, and its derivative."""
+        """Return (1 - gamma) e[l] - e[l+1] of each other agent and l = 0 .. H-1, and its derivative."""
         swap, stages = self._swap, np.arange(self._swap.horizon)
         own, count, keep = swap.agents.index(swap.agent), len(swap.agents), 1 - swap.barrier_decay
         paths = np.concatenate((self._here[:, np.newaxis], outputs.reshape(count, len(stages), 2)), axis=1)
@@ -175,18 +175,18 @@ class DistanceGame(NonlinearGame):
         return np.concatenate(values), np.concatenate(derivatives)
 
     def share(self) -> Share:
-        """The cost and the bounds as arrays, and how the path depends on the plan."""
+        """Return cost, bounds, and the map from plan to path as arrays."""
         return replace(self._game.share(), A=nothing(), b=nothing(), T=self.T, t=self.t)
 
 
 def clearance(apart: Array, radii: Array, aside: Array) -> tuple[Array, Array]:
-    """The e = |apart / radii| - 1 of pairs of points, shape (k,), and its derivative, shape (k, 2).
+    """Return e = |apart / radii| - 1 of pairs of points, shape (k,), and its derivative, shape (k, 2).
 
     Args:
         apart: From one point to the other, shape (k, 2), in m.
         radii: r1, r2, in m.
-        aside: Where it is not zero, e stands for its tangent at `apart + aside`, which is nowhere above it, as e is
-            convex; shape (k, 2), in m.
+        aside: Where it is not zero, the tangent of e at `apart + aside` replaces e; it is nowhere above e, which is
+            convex. Shape (k, 2), in m.
     """
     scaled = (apart + aside) / radii
     length = np.hypot(scaled[:, 0], scaled[:, 1])

@@ -12,24 +12,26 @@ from dcf_zenoh.problems.shared.approach import Approach
 
 
 class Formation:
-    """Each agent has a place in the formation; in every control step all agree on where its centre shall be.
+    """Each agent has a place in the formation; in every control step all agree on the position of its centre.
 
-    That is the mean of where each wants it: an agent at p wants it at p - offset, so that it need not fly anywhere, and
-    one with a goal on the way from there to the goal. Then each flies to the centre + offset, and the formation moves
-    to the goal. Nothing keeps the agents from colliding on the way.
+    The centre is the mean of the agents' proposals. An agent at p proposes p - offset, so that it need not move; one
+    with a goal proposes a point on the way from there to the goal. Then each flies to the centre + offset, and the
+    formation moves to the goal. The agents do not avoid collisions on the way.
 
     Args:
         agent: Id of this agent.
         sample_time: t_s, s.
-        offset: Its place, seen from the centre, shape (d,), m. Of a body in more dimensions, the first d are flown.
-        goal: Where it wants the centre to go, shape (d,), m; None: nowhere.
-        pull: How much it wants that: 1 asks for the goal at once, which the others make slow, more asks for more.
-        pace: How fast the places are flown to, rad/s; see `Approach`.
+        offset: Place of the agent relative to the centre, shape (d,), m. Of a body in more dimensions, the first d are
+            flown.
+        goal: Goal of the centre, shape (d,), m; None: the agent has none.
+        pull: Share of the way to the goal that the agent proposes: 1 is the goal itself, more is beyond it, which is
+            faster where other agents have no goal.
+        pace: Bandwidth of the approach to the places, rad/s; see `Approach`.
         accel_max: Bound on each component of the acceleration, m/s².
 
     Attributes:
-        local: An agent poses its part from its own state alone.
-        place: Where the agent was sent last, shape (d,), m; None before that.
+        local: The problem of an agent follows from its own state alone.
+        place: Place to which the agent flew in the last step, shape (d,), m; None before the first one.
 
     Raises:
         ValueError: A number is out of its range, or `goal` and `offset` differ in length.
@@ -62,7 +64,7 @@ class Formation:
         self._pull = pull
 
     def at(self, states: Mapping[int, Array]) -> "CentreConsensus":
-        """The problem of one control step, given agent -> [position, velocity], of this agent at least."""
+        """Return the problem of one control step, given agent -> [position, velocity], of this agent at least."""
         d = len(self.offset)
         position, velocity = (part[:d] for part in np.split(states[self.agent], 2))
         wanted = position - self.offset
@@ -71,16 +73,16 @@ class Formation:
         return CentreConsensus(self, position, velocity, wanted)
 
     def distance_to_go(self, state: State) -> float:
-        """Distance to the place around the goal, or else to where the agent was sent last (infinite before that), m."""
+        """Return the distance to the place at the goal, m; without a goal, to `place` (infinite before step 0)."""
         end = self.place if self._goal is None else self._goal + self.offset
         return float("inf") if end is None else float(np.linalg.norm(state.position[: len(end)] - end))
 
 
 class CentreConsensus(MeanProblem, ConsensusProblem):
-    """One agent's part in where the centre shall be, in one control step.
+    """One agent's part in the choice of the centre, in one control step.
 
     Attributes:
-        value: Where it wants it, shape (d,), m.
+        value: Proposal of the agent, shape (d,), m.
     """
 
     def __init__(self, formation: Formation, position: Array, velocity: Array, wanted: Array) -> None:
@@ -90,23 +92,23 @@ class CentreConsensus(MeanProblem, ConsensusProblem):
         self.value, self.size = self._mean.value, self._mean.size
 
     def cost(self, x: Array) -> float:
-        """Half the square of the distance to where the agent wants it."""
+        """Return half the square of the distance to the proposal."""
         return self._mean.cost(x)
 
     def gradient(self, x: Array) -> Array:
-        """How far x is from where the agent wants it."""
+        """Return the gradient, x minus the proposal."""
         return self._mean.gradient(x)
 
     def argmin(self, slope: Array, weight: float) -> Array:
-        """Where the gradient is 0."""
+        """Return the x where the gradient is 0."""
         return self._mean.argmin(slope, weight)
 
     def share(self) -> Share:
-        """As arrays."""
+        """Return the problem as arrays."""
         return self._mean.share()
 
     def setpoint(self, decision: Array, stage: int) -> Setpoint:
-        """How to fly to the agent's place around the centre that was agreed on."""
+        """Return the setpoint on the way to the agent's place, with `decision` as the centre."""
         formation = self._formation
         formation.place = read_only(decision + formation.offset)
         return formation.approach.setpoint(self._position, self._velocity, formation.place, stage)

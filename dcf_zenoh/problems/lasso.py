@@ -23,7 +23,7 @@ class Lasso(ConsensusProblem):
         nonzero: Entries of x_true that are not 0.
         noise: Standard deviation.
         l1: Price of the sum of absolute values.
-        seed: Of the data.
+        seed: Seed of the data.
 
     Raises:
         ValueError: A number is out of its range.
@@ -68,17 +68,17 @@ class Lasso(ConsensusProblem):
         self._slope = -(self.A.T @ self.b)
 
     def cost(self, x: Array) -> float:
-        """Half the square of what the agent's rows miss, and its part of the absolute values."""
+        """Return |A x - b|² / 2 over the agent's rows, plus its part of l1 sum_k |x_k|."""
         missed = self.A @ x - self.b
         return float(missed @ missed) / 2 + self._l1 * float(abs(x).sum())
 
     def gradient(self, x: Array) -> Array:
-        """A subgradient; that of |x_k| is 0 at 0."""
+        """Return a subgradient; that of |x_k| is 0 at 0."""
         slope: Array = self._hessian @ x + self._slope + self._l1 * np.sign(x)
         return slope
 
     def argmin(self, slope: Array, weight: float) -> Array:
-        """By coordinate descent, which finds the entries that are not 0; for these the equations are solved.
+        """Return the minimiser: coordinate descent finds the entries that are not 0, and a linear system their values.
 
         Source: Friedman, Hastie, Höfling, Tibshirani, "Pathwise coordinate optimization", Annals of Applied Statistics,
         2007.
@@ -95,7 +95,7 @@ class Lasso(ConsensusProblem):
         return x
 
     def _exact(self, Q: Array, p: Array, signs: Array) -> Array | None:
-        """The least point, if its entries have these signs."""
+        """Return the minimiser if its entries have these signs, else None."""
         used = signs != 0
         x = np.zeros(self.size)
         x[used] = np.linalg.solve(Q[np.ix_(used, used)], -p[used] - self._l1 * signs[used])
@@ -103,7 +103,7 @@ class Lasso(ConsensusProblem):
         return x if (np.sign(x) == signs).all() and idle <= self._l1 * (1 + 1e-12) else None
 
     def share(self) -> Share:
-        """As arrays."""
+        """Return the problem as arrays."""
         return Share(
             self._hessian,
             self._slope,

@@ -1,4 +1,4 @@
-"""Agents change places in the plane, each predicting its own motion, none closer to another than a diamond."""
+"""Agents change places in the plane; each predicts its own motion, and diamond-shaped regions keep them apart."""
 
 import copy
 from collections.abc import Collection, Mapping, Sequence
@@ -32,20 +32,20 @@ _NO_SIGNS: Mapping[tuple[int, int], Array] = MappingProxyType({})
 class PositionSwap:
     """The aggregative game of the paper, posed anew at every control step.
 
-    Each agent predicts its own motion over `horizon` steps of its input u (planar accelerations, in order of time,
-    shape (2 H,)), with a model of its own. It pays for the distance to its target and for effort, and for the distance
-    of the fleet's mean end position from `gather_at`. Every pair of agents shares `horizon` barrier constraints, and
-    every agent has as many with each obstacle: rows like the others, in which it alone takes part.
+    Each agent predicts its own motion over H steps of its input u (planar accelerations, in order of time, shape
+    (2 H,)), with its own model. Its cost is made of the distance to its target, the effort, and the distance of the
+    fleet's mean end position from `gather_at`. Every pair of agents shares H barrier constraints, and every agent has H
+    with each obstacle: rows like the others, in which it alone takes part.
 
-    Agents may differ in weights, bounds and model; the constraints of a pair are sums of what each of the two can tell
-    of itself. They are scaled by numbers that must come out alike at every agent: so these follow from the nominal
-    weights and model, and not from the agent's own.
+    Agents may differ in weights, bounds and model, because each of a pair knows its own term of their constraints. All
+    agents must scale the constraints by the same numbers, so these follow from the nominal weights and model instead of
+    the agent's own.
 
     Args:
         agent: Id of this agent.
         agents: Ids of all agents, ascending.
         sample_time: t_s, in s.
-        nominal: Key -> value at an agent without keys of its own, of all keys that have a default. None: like this one.
+        nominal: Key -> value at an agent without overrides, of all keys that have a default. None: as at this agent.
         target: Target of this agent, shape (2,), in m.
         prediction: Prediction of the agent's motion.
         cost: Weights of the agent's cost.
@@ -103,10 +103,10 @@ class PositionSwap:
             array.setflags(write=False)
 
     def _row_scale(self, agreed: Prediction, radii: tuple[float, float], movers: int) -> Array:
-        """1 / sqrt(movers r (2M)^-1 r') for each row r: the dual of a scaled row has unit curvature. Sign-independent.
+        """Return 1 / sqrt(movers r (2M)^-1 r') for each row r; with it the dual of a row has unit curvature.
 
-        Curvature is what each of the agents that take part adds, if it is of the `agreed` prediction; one that pays
-        more for its input adds less.
+        The scale does not depend on signs. Each of the `movers`, the agents that take part in a row, adds to the
+        curvature as much as one with the `agreed` prediction; an agent with a higher input weight adds less.
         """
         weights = np.array([1 / radii[0], 1 / radii[1]])
         inverse = np.linalg.inv(2 * agreed.quadratic)
@@ -114,7 +114,7 @@ class PositionSwap:
         return np.array([1 / np.sqrt(movers * row @ inverse @ row) for row in rows])
 
     def check_starts(self, starts: Mapping[int, Array]) -> dict[int, str]:
-        """Agent -> what is wrong with its start: it is in an obstacle, or too close to an agent with a lower id."""
+        """Return agent -> text, for starts in an obstacle or too close to an agent with a lower id."""
         found = {i: f"expected [x, y], in m, not {start.tolist()}" for i, start in starts.items() if len(start) < 2}
         if found:
             return found
@@ -159,28 +159,28 @@ class PositionSwap:
         return None
 
     def toward(self, target: Array) -> "PositionSwap":
-        """The same problem with another target, shape (2,), in m."""
+        """Return the same problem with another target, shape (2,), in m."""
         other = copy.copy(self)
         other.target = read_only(target)
         return other
 
     def distance_to_go(self, state: State) -> float:
-        """Distance to the target in the plane, in m."""
+        """Return the distance to the target in the plane, in m."""
         return float(np.hypot(*(state.position[:2] - self.target)))
 
     def ahead(self, state: State, flown: Setpoint | None, delay: float) -> Array:
-        """Where the body is after `delay` (s) with the setpoint that it is flying, by the agent's model."""
+        """Return the state [position, velocity] after `delay` (s) with the setpoint `flown`, by the agent's model."""
         return state_ahead(state, flown, delay, self.velocity_lag)
 
     def signs(self, states: Mapping[int, Array]) -> dict[tuple[int, int], Array]:
-        """On which side of each other this agent and every other are.
+        """Return the sides on which this agent and each other agent pass one another.
 
         Args:
             states: Agent -> [position, velocity], shape (2 d,) with d 2 or 3, of some agents.
 
         Returns:
-            Pair i < j -> signs of p_i - p_j in x and y, shape (2,), each 1 or -1; equal coordinates count as 1. Of
-            the pairs that this agent is in, and of which both states are given.
+            Pair i < j -> signs of p_i - p_j in x and y, shape (2,), each 1 or -1; equal coordinates count as 1. Only
+            pairs with this agent, and with both states given.
         """
         own = [pair for pair in self.pairs if self.agent in pair and pair[0] in states and pair[1] in states]
         return {(i, j): side(states[i][:2] - states[j][:2]) for i, j in own}
@@ -192,13 +192,13 @@ class PositionSwap:
         signs: Mapping[tuple[int, int], Array] = _NO_SIGNS,
         lost: Collection[int] = (),
     ) -> "SwapGame":
-        """The game of one control step.
+        """Return the game of one control step.
 
         Args:
             states: Agent -> [position, velocity], shape (2 d,) with d 2 or 3, of every agent.
             signs: Pair i < j -> signs to be used for it instead of those of `states`. Both agents of a pair must use
                 the same.
-            lost: Agents that take no part. The others keep clear of where they are, which is taken to stay.
+            lost: Agents that take no part. The others keep clear of their positions, which are assumed not to change.
         """
         flat = {agent: planar(state) for agent, state in states.items()}
         return SwapGame(self, flat, {**self.signs(flat), **signs}, lost)
@@ -237,26 +237,26 @@ class SwapGame(CoupledGame):
     def _barriers(
         self, states: Mapping[int, Array], signs: Mapping[tuple[int, int], Array], lost: Collection[int]
     ) -> tuple[Array, Array]:
-        """The agent's share of the barrier rows, with signs held over the horizon.
+        """Return A and b, the agent's share of the barrier rows, with signs held over the horizon.
 
         With w = (s_x / r1, s_y / r2) and delta the position difference of a pair, the barrier
         h = |delta_x| / r1 + |delta_y| / r2 - 1 is at least w . delta - 1, and the rows keep
-        w . (delta[l+1] - (1 - gamma) delta[l]) - gamma >= 0, half of gamma charged to each of the two. A share alone
-        means nothing, as it depends on where the origin is; so the share of what stands still (u_j = 0), a lost agent
-        or an obstacle, is charged to the agent too.
+        w . (delta[l+1] - (1 - gamma) delta[l]) - gamma >= 0, half of gamma charged to each of the two. A share
+        alone has no meaning, because it depends on the origin; so the share of a lost agent or an obstacle, which
+        stands still (u_j = 0), is charged to the agent as well.
         """
         problem, radii = self._problem, np.array(self._problem.radii)
         A, b = np.zeros((self.rows, 2 * problem.horizon)), np.zeros(self.rows)
         floor = problem.barrier_decay * (1 + problem.barrier_margin)  # gamma (1 + margin): h stays above the margin
 
-        def fill(place: int, w: Array, scale: Array, beside: Array | None) -> None:
-            """The rows at `place`: half of one another's, or all of what stands still at `beside`."""
+        def fill(place: int, w: Array, scale: Array, obstacle: Array | None) -> None:
+            """Write the rows at `place`: one agent's half, or all of them with an `obstacle` at that position."""
             for stage in range(problem.horizon):
                 row = place * problem.horizon + stage
                 A[row] = -scale[stage] * (w @ problem.barrier_input[stage])
                 kept = w @ problem.barrier_state[stage] @ self._state - floor / 2
-                if beside is not None:
-                    kept -= w @ problem.barrier_state[stage] @ np.array([*beside, 0.0, 0.0]) + floor / 2
+                if obstacle is not None:
+                    kept -= w @ problem.barrier_state[stage] @ np.array([*obstacle, 0.0, 0.0]) + floor / 2
                 b[row] = scale[stage] * kept
 
         for place, (i, j) in enumerate(problem.pairs):
@@ -264,27 +264,27 @@ class SwapGame(CoupledGame):
                 other, sign = (j, 1.0) if problem.agent == i else (i, -1.0)
                 fill(place, sign * signs[i, j] / radii, problem.row_scale, states[other][:2] if other in lost else None)
         place = len(problem.pairs) + problem.agents.index(problem.agent) * len(problem.obstacles)
-        for obstacle, scale in zip(problem.obstacles, problem.obstacle_scales, strict=True):
-            fill(place, side(self._state[:2] - obstacle.at) / obstacle.radii, scale, obstacle.at)
+        for each, scale in zip(problem.obstacles, problem.obstacle_scales, strict=True):
+            fill(place, side(self._state[:2] - each.at) / each.radii, scale, each.at)
             place += 1
         return A, b
 
     def start(self, last: Array | None) -> Array:
-        """Where to start the iteration: the last plan moved on by one stage, or no input at all."""
+        """Return the start of the iteration: the last plan shifted by one stage, or no input at all."""
         if last is None:
             return np.zeros(2 * self._problem.horizon)
         return np.concatenate((last[2:], last[-2:]))
 
     def contribution(self, u: Array) -> Array:
-        """phi(u): predicted end position, shape (2,), in m."""
+        """Return phi(u), the predicted end position, shape (2,), in m."""
         return self._problem.end_map @ u + self._end_free
 
     def coupling(self, u: Array) -> Array:
-        """A u - b, shape (rows,)."""
+        """Return A u - b, shape (rows,)."""
         return self.A @ u - self.b
 
     def gradient(self, u: Array, sigma: Array) -> Array:
-        """Pseudo-gradient 2Mu + 2g + (2 p_a / N²) Phi'(sigma - p_o), shape (2 H,).
+        """Return the pseudo-gradient 2Mu + 2g + (2 p_a / N²) Phi'(sigma - p_o), shape (2 H,).
 
         p_a / N comes from the cost and 1 / N from sigma's dependence on u, as in Carnevale et al., eq. (3).
         """
@@ -293,12 +293,12 @@ class SwapGame(CoupledGame):
         return slope
 
     def project(self, u: Array) -> Array:
-        """Nearest input within the bound."""
+        """Return the nearest input within the bound."""
         bound = self._problem.accel_max
         return np.minimum(np.maximum(u, -bound), bound)
 
     def share(self) -> Share:
-        """As arrays."""
+        """Return the problem as arrays."""
         problem, bound = self._problem, np.full(len(self._slope), self._problem.accel_max)
         return Share(
             self._hessian,
@@ -313,9 +313,9 @@ class SwapGame(CoupledGame):
         )
 
     def setpoint(self, decision: Array, stage: int) -> Setpoint | None:
-        """Acceleration of `stage`, and the predicted position and velocity at the stage's end.
+        """Return the acceleration of `stage`, and the prediction at its end; None beyond the horizon.
 
-        With a lag the velocity is the one to be told to the body, which it does not quite reach.
+        With a lag the velocity is the command to the body, which the body does not quite reach.
         """
         problem = self._problem
         if stage >= problem.horizon:
@@ -329,13 +329,13 @@ class SwapGame(CoupledGame):
 
 
 def planar(state: Array) -> Array:
-    """[px, py, vx, vy] of [position, velocity], shape (2 d,) with d 2 or 3."""
+    """Return [px, py, vx, vy] of [position, velocity], shape (2 d,) with d 2 or 3."""
     half = len(state) // 2
     return np.array([*state[:2], *state[half : half + 2]])
 
 
 def _barrier_maps(prediction: Prediction, decay: float) -> tuple[list[Array], list[Array]]:
-    """What input and state do to p[l+1] - (1 - gamma) p[l], l = 0 .. H-1, along the prediction."""
+    """Return the matrices from input and from state to p[l+1] - (1 - gamma) p[l], l = 0 .. H-1, in the prediction."""
     powers, lifts, keep = prediction.powers, prediction.lifts, 1 - decay
     stages = range(len(lifts) - 1)
     return (

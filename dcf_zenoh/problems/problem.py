@@ -1,8 +1,8 @@
-"""What a fleet can solve: structures of problems, each as an interface with what algorithms ask of it.
+"""Structures of the problems that a fleet can solve: each is an interface with what algorithms need of it.
 
-A problem is one agent's share of what the fleet solves together. Its class derives from the structure that it has, or
-from several; an algorithm names the one that it solves, and refuses the others (`dcf_zenoh.algorithms.needs`).
-Shapes: (n,) for decisions, (s,) for what a game's players contribute, (rows,) for shared constraints.
+A problem is one agent's share of what the fleet solves together. Its class derives from one structure or several; an
+algorithm names the structure that it solves, and refuses the others (`dcf_zenoh.algorithms.needs`).
+Shapes: (n,) for decisions, (s,) for contributions of the players of a game, (rows,) for shared constraints.
 """
 
 from abc import ABC, abstractmethod
@@ -18,7 +18,7 @@ class Problem:
     """One agent's share of a problem.
 
     Attributes:
-        STRUCTURE: What such a problem is called in messages, with its article.
+        STRUCTURE: Name of the structure in messages, with its article.
     """
 
     STRUCTURE: ClassVar[str] = "a problem"
@@ -28,7 +28,7 @@ class MeanProblem(Problem):
     """The mean over the fleet of the agents' values.
 
     Attributes:
-        value: This agent's, shape (n,), the same n at every agent.
+        value: This agent's value, shape (n,), the same n at every agent.
     """
 
     STRUCTURE = "a mean of values"
@@ -40,9 +40,9 @@ class ConsensusProblem(Problem, ABC):
 
     Attributes:
         size: n, the same at every agent.
-        smooth: f has a gradient everywhere.
-        strongly_convex: f grows at least like a square in all directions, so that it has a least point of its own.
-        unconstrained: X is the whole space.
+        smooth: Whether f has a gradient everywhere.
+        strongly_convex: Whether f grows at least like a square in all directions, so that it has a unique minimiser.
+        unconstrained: Whether X is the whole space.
     """
 
     STRUCTURE = "a consensus problem"
@@ -52,20 +52,20 @@ class ConsensusProblem(Problem, ABC):
     unconstrained: bool = True
 
     def start(self, last: Array | None) -> Array:
-        """Where to start the iteration: the last decision, or else 0."""
+        """Return the start of the iteration: the last decision, or else 0."""
         return np.zeros(self.size) if last is None else last
 
     @abstractmethod
     def cost(self, x: Array) -> float:
-        """f(x)."""
+        """Return f(x)."""
 
     @abstractmethod
     def gradient(self, x: Array) -> Array:
-        """The gradient of f, or a subgradient."""
+        """Return the gradient of f, or a subgradient."""
 
     @abstractmethod
     def argmin(self, slope: Array, weight: float) -> Array:
-        """The x in X with the least f(x) + slope'x + weight / 2 |x|².
+        """Return the x in X with the least f(x) + slope'x + weight / 2 |x|².
 
         Args:
             slope: Shape (n,).
@@ -73,7 +73,7 @@ class ConsensusProblem(Problem, ABC):
         """
 
     def project(self, x: Array) -> Array:
-        """The nearest point of X."""
+        """Return the nearest point of X."""
         return x
 
 
@@ -84,8 +84,8 @@ class CoupledProblem(Problem, ABC):
         A: Shape (rows, n).
         b: Shape (rows,).
         rows: Number of shared constraints.
-        equality: They are equations.
-        strongly_convex: f grows at least like a square in all directions.
+        equality: Whether the shared constraints are equations.
+        strongly_convex: Whether f grows at least like a square in all directions.
     """
 
     STRUCTURE = "a problem with shared constraints"
@@ -97,20 +97,20 @@ class CoupledProblem(Problem, ABC):
 
     @abstractmethod
     def cost(self, x: Array) -> float:
-        """f(x)."""
+        """Return f(x)."""
 
     @abstractmethod
     def respond(self, price: Array, weight: float, target: Array) -> Array:
-        """The x in X with the least f(x) + price'A x + weight / 2 |A x - target|².
+        """Return the x in X with the least f(x) + price'A x + weight / 2 |A x - target|².
 
         Args:
-            price: Of the shared constraints, shape (rows,).
+            price: Multipliers of the shared constraints, shape (rows,).
             weight: Not negative; positive if f is not strongly convex.
             target: Shape (rows,).
         """
 
     def coupling(self, x: Array) -> Array:
-        """A x - b."""
+        """Return A x - b."""
         shares: Array = self.A @ x - self.b
         return shares
 
@@ -119,7 +119,7 @@ class Game(Problem, ABC):
     """Each agent minimises a cost of its own over its action x_i in X_i; the cost depends on all actions.
 
     Attributes:
-        players: Ids of all agents, ascending: the rows of a profile.
+        players: Ids of all agents, ascending, in the order of the rows of a profile.
         size: n, the same for all players.
     """
 
@@ -129,15 +129,15 @@ class Game(Problem, ABC):
 
     @property
     def uncoupled(self) -> bool:
-        """There are no shared constraints."""
+        """Whether there are no shared constraints."""
         return True
 
     @abstractmethod
     def pseudo_gradient(self, profile: Array) -> Array:
-        """F_i: the gradient of this agent's cost with regard to its own action, at `profile`, shape (N, n)."""
+        """Return F_i, the gradient of this agent's cost with regard to its own action, at `profile`, shape (N, n)."""
 
     def project(self, x: Array) -> Array:
-        """The nearest point of X."""
+        """Return the nearest point of X."""
         return x
 
 
@@ -153,24 +153,24 @@ class AggregativeGame(Problem, ABC):
 
     @property
     def uncoupled(self) -> bool:
-        """There are no shared constraints."""
+        """Whether there are no shared constraints."""
         return True
 
     @abstractmethod
     def start(self, last: Array | None) -> Array:
-        """Initial decision, given that of the last control step, if any."""
+        """Return the initial decision, given that of the last control step, if any."""
 
     @abstractmethod
     def contribution(self, u: Array) -> Array:
-        """phi(u), whose mean over the agents is sigma."""
+        """Return phi(u), whose mean over the agents is sigma."""
 
     @abstractmethod
     def gradient(self, u: Array, sigma: Array) -> Array:
-        """Pseudo-gradient of the agent's cost: how it changes with u, through sigma too."""
+        """Return the pseudo-gradient: the derivative of the agent's cost by u, including that through sigma."""
 
     @abstractmethod
     def project(self, u: Array) -> Array:
-        """Nearest admissible decision."""
+        """Return the nearest admissible decision."""
 
 
 class CoupledGame(AggregativeGame):
@@ -187,24 +187,25 @@ class CoupledGame(AggregativeGame):
 
     @property
     def uncoupled(self) -> bool:
-        """There are no shared constraints."""
+        """Whether there are no shared constraints."""
         return self.rows == 0
 
     @abstractmethod
     def coupling(self, u: Array) -> Array:
-        """A u - b; the sum over the agents must not be positive."""
+        """Return A u - b; the sum over the agents must not be positive."""
 
 
 class NonlinearGame(AggregativeGame):
     """An aggregative game under shared constraints c(y) <= 0, smooth but not linear, on outputs y_i = T_i u_i + t_i.
 
-    Each agent knows those constraints that it takes part in. Outputs are of all agents, in order of ids: shape (N, m).
+    Each agent knows the constraints in which it takes part. Outputs are those of all agents, in order of ids, shape
+    (N, m).
 
     Attributes:
         agents: Ids of all agents, ascending.
         T: Shape (m, n).
         t: Shape (m,).
-        linear: Shared constraints are linear.
+        linear: Whether the shared constraints are linear.
     """
 
     STRUCTURE = "an aggregative game with constraints that are not linear"
@@ -215,18 +216,18 @@ class NonlinearGame(AggregativeGame):
 
     @property
     def uncoupled(self) -> bool:
-        """There are no shared constraints."""
+        """Whether there are no shared constraints."""
         return False
 
     @abstractmethod
     def constraints(self, outputs: Array) -> tuple[Array, Array]:
-        """c, shape (limits,), and its derivative, shape (limits, N, m)."""
+        """Return c, shape (limits,), and its derivative, shape (limits, N, m)."""
 
     def curvature(self, outputs: Array, prices: Array) -> Array:  # noqa: ARG002
-        """The second derivative of prices'c, shape (N m, N m), without what would not be positive semidefinite.
+        """Return a positive semidefinite part of the second derivative of prices'c, shape (N m, N m).
 
         Args:
             outputs: Shape (N, m).
-            prices: Of the constraints, not negative, shape (limits,).
+            prices: Multipliers of the constraints, not negative, shape (limits,).
         """
         return np.zeros((outputs.size, outputs.size))

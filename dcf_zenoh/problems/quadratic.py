@@ -38,21 +38,21 @@ class Quadratic(ConsensusProblem):
         self.unconstrained = self._box.everything
 
     def cost(self, x: Array) -> float:
-        """The weighted square of the distance to the centre."""
+        """Return weight (x - centre)² / 2, summed over the components."""
         return float(self._weight @ (x - self._centre) ** 2) / 2
 
     def gradient(self, x: Array) -> Array:
-        """Weight (x - centre)."""
+        """Return weight (x - centre)."""
         return self._weight * (x - self._centre)
 
     def argmin(self, slope: Array, weight: float) -> Array:
-        """Component by component: where the gradient is 0, or the bound before it."""
+        """Return, component by component, where the gradient is 0, or the bound before it."""
         return self._box.nearest((self._weight * self._centre - slope) / (self._weight + weight))
 
     def project(self, x: Array) -> Array:
-        """The nearest point within the bounds."""
+        """Return the nearest point within the bounds."""
         return self._box.nearest(x)
 
     def share(self) -> Share:
-        """As arrays."""
+        """Return the problem as arrays."""
         return Share(np.diag(self._weight), -self._weight * self._centre, *self._box, common=True)

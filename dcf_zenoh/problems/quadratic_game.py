@@ -11,16 +11,16 @@ from dcf_zenoh.problems.shared.box import Box, vector
 class QuadraticGame(Game):
     """Each agent chooses a number; the slope of its cost is row'x + constant, with the numbers x of all agents.
 
-    They stand in order of ids. The rows of all agents make a matrix M. The game has one equilibrium where M + M' is
-    positive definite.
+    The numbers x are in order of ids. The rows of all agents make a matrix M. The game has one equilibrium where
+    M + M' is positive definite.
 
     Args:
         agent: Id of this agent.
         agents: Ids of all agents, ascending.
         row: This agent's row of M, a list of one number for each agent.
-        constant: What F_i is at 0.
-        lower: Least number that it can choose; None: no such limit.
-        upper: Greatest, likewise.
+        constant: F_i at 0.
+        lower: Least number that the agent can choose; None: no limit.
+        upper: Greatest number that the agent can choose; None: no limit.
 
     Raises:
         ValueError: The row has another length, its own entry is not positive, or `lower` is above `upper`.
@@ -48,16 +48,16 @@ class QuadraticGame(Game):
         self._box = Box.of(1, lower, upper)
 
     def pseudo_gradient(self, profile: Array) -> Array:
-        """What the row makes of all numbers, and the constant."""
+        """Return F_i = row'x + constant at `profile`."""
         slope: Array = self._row @ profile + self._constant
         return slope
 
     def project(self, x: Array) -> Array:
-        """The nearest number that it can choose."""
+        """Return the nearest number that the agent can choose."""
         return self._box.nearest(x)
 
     def share(self) -> Share:
-        """As arrays: what it contributes to the mean is its own number at its own place, N times."""
+        """Return the problem as arrays: the contribution to the mean is N times the agent's number at its place."""
         count = len(self.players)
         place = count * np.eye(count)[:, [self._place]]
         return Share(

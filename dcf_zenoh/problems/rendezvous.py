@@ -1,4 +1,4 @@
-"""Agents meet where the sum of the squares of their ways is least."""
+"""Agents meet at the point with the least sum of squared distances to them."""
 
 from collections.abc import Mapping
 
@@ -10,13 +10,13 @@ class Rendezvous:
     """In every control step all agree on the mean of their positions, and fly there: a formation without offsets.
 
     Attributes:
-        local: An agent poses its part from its own state alone.
+        local: The problem of an agent follows from its own state alone.
 
     Args:
         agent: Id of this agent.
         sample_time: t_s, s.
-        dimensions: Of the place to meet; of a body in more dimensions, the first ones are flown.
-        pace: How fast it is flown to, rad/s; see `Approach`.
+        dimensions: Dimensions of the meeting point; of a body in more dimensions, the first ones are flown.
+        pace: Bandwidth of the approach to it, rad/s; see `Approach`.
         accel_max: Bound on each component of the acceleration, m/s².
 
     Raises:
@@ -34,9 +34,9 @@ class Rendezvous:
         self._formation = Formation(agent, sample_time, offset=offset, pace=pace, accel_max=accel_max)
 
     def at(self, states: Mapping[int, Array]) -> CentreConsensus:
-        """The problem of one control step, given agent -> [position, velocity], of this agent at least."""
+        """Return the problem of one control step, given agent -> [position, velocity], of this agent at least."""
         return self._formation.at(states)
 
     def distance_to_go(self, state: State) -> float:
-        """Distance to where the agent was sent last, m; infinite before that."""
+        """Return the distance to the last meeting point, m; infinite before the first step."""
         return self._formation.distance_to_go(state)

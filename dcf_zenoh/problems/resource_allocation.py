@@ -1,4 +1,4 @@
-"""Agents share out what there is of a resource."""
+"""Agents divide a resource among them."""
 
 import numpy as np
 
@@ -11,16 +11,16 @@ from dcf_zenoh.problems.shared.box import Bound, Box, positive, vector
 class ResourceAllocation(CoupledProblem):
     """Each agent pays weight (x_i - centre)² / 2 for what it takes; together they take the demand.
 
-    Several resources are taken one by one.
+    Several resources are independent of each other.
 
     Args:
         agents: Ids of all agents.
-        demand: What they take together: a number, or a list of one for each of n resources.
-        exactly: They take it all; otherwise at most so much.
+        demand: Amount that all take together: a number, or a list of one for each of n resources.
+        exactly: The agents take the whole demand; otherwise at most as much.
         weight: Positive: a number for all resources, or a list of n.
-        centre: What the agent would take if it were alone, likewise.
-        lower: Least that it can take: none, a number, or a list of n.
-        upper: Most that it can take, likewise.
+        centre: Amount that the agent would take if it were alone, likewise.
+        lower: Least amount that the agent can take: none, a number, or a list of n.
+        upper: Greatest amount that the agent can take, likewise.
 
     Raises:
         ValueError: A weight is not positive, there are more or fewer than n, or a lower bound is above the upper one.
@@ -48,15 +48,15 @@ class ResourceAllocation(CoupledProblem):
         self._box = Box.of(size, lower, upper)
 
     def cost(self, x: Array) -> float:
-        """The weighted square of the distance to what the agent would take alone."""
+        """Return weight (x - centre)² / 2, summed over the resources."""
         return float(self._weight @ (x - self._centre) ** 2) / 2
 
     def respond(self, price: Array, weight: float, target: Array) -> Array:
-        """Resource by resource: where the gradient is 0, or the bound before it."""
+        """Return, resource by resource, where the gradient is 0, or the bound before it."""
         return self._box.nearest((self._weight * self._centre - price + weight * target) / (self._weight + weight))
 
     def share(self) -> Share:
-        """As arrays."""
+        """Return the problem as arrays."""
         return Share(
             np.diag(self._weight),
             -self._weight * self._centre,

@@ -1,4 +1,4 @@
-"""One agent's share of a problem as arrays: what a single solver needs to know of it, and what can be sent."""
+"""One agent's share of a problem as arrays, for a solver that has the shares of all agents, and for messages."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
@@ -15,25 +15,25 @@ class Share:
     """One agent's part of an affine variational inequality over the decisions u of a fleet, with kinks.
 
     Agent i minimises, over its u_i, a cost whose gradient is F_i(u) = H u_i + g + K sigma, plus the sum over k of
-    absolute_k |u_k - kink_k|. sigma is the mean over the fleet of Phi_j u_j + phi_j. It keeps to lower <= u_i <= upper,
-    and together the agents keep sum_i (A_i u_i - b_i) <= 0, or = 0. Convex quadratic programs are the special case in
-    which F is a gradient.
+    absolute_k |u_k - kink_k|. sigma is the mean over the fleet of Phi_j u_j + phi_j. Its bounds are lower <= u_i <=
+    upper, and the shared constraints are sum_i (A_i u_i - b_i) <= 0, or = 0. Convex quadratic programs are the special
+    case in which F is a gradient.
 
     Attributes:
         H: Shape (n, n).
         g: Shape (n,).
         lower: Shape (n,); -inf where there is no bound.
-        upper: Shape (n,).
+        upper: Shape (n,); inf where there is no bound.
         K: Shape (n, s).
         Phi: Shape (s, n).
         phi: Shape (s,).
         A: Shape (rows, n).
         b: Shape (rows,).
-        T: Shape (m, n). Outputs T u + t are what shared constraints that are not linear are about; these are not told.
+        T: Shape (m, n). Shared constraints that are not linear depend on outputs T u + t; they are not in the share.
         t: Shape (m,).
         absolute: Shape (n,), not negative; empty for zeros.
         kink: Shape (n,); empty for zeros.
-        common: All agents mean the same u: the problem is to agree on the one with the least sum of costs.
+        common: All agents decide on the same u, the one with the least sum of costs.
         equality: The shared constraints are equations.
     """
 
@@ -54,12 +54,12 @@ class Share:
     equality: bool = False
 
     def to_payload(self, agent: int) -> dict[str, Value]:
-        """Entries of a payload that say what the share of `agent` is."""
+        """Return the entries of a payload that describe the share of `agent`."""
         return {f"{agent}.{name}": np.asarray(value) for name, value in self._filled().items()}
 
     @classmethod
     def all_in(cls, payload: Payload) -> dict[int, "Share"]:
-        """Agent -> share, of all that are in a payload."""
+        """Return agent -> share, of all shares in a payload."""
         found: dict[int, dict[str, Any]] = {}
         for key, value in payload.items():
             agent, dot, name = key.partition(".")
@@ -73,7 +73,7 @@ class Share:
 
 @runtime_checkable
 class Shareable(Protocol):
-    """A problem that can be told as arrays, to be solved in one place."""
+    """A problem that can be written as arrays, to be solved in one place."""
 
     def share(self) -> Share:
-        """What this agent knows, as arrays."""
+        """Return this agent's share of the problem as arrays."""

@@ -11,7 +11,7 @@ from scipy.optimize import Bounds, minimize
 
 from dcf_zenoh.errors import AlgorithmError
 from dcf_zenoh.plant import Array, nothing
-from dcf_zenoh.problems.central import assembled, solve_together
+from dcf_zenoh.problems.central import assemble, solve_together
 from dcf_zenoh.problems.distance_swap import DistanceGame, DistanceSwap, clearance
 from dcf_zenoh.problems.position_swap import PositionSwap, SwapGame
 from dcf_zenoh.problems.problem import NonlinearGame
@@ -64,7 +64,7 @@ def distance_moment(seed: int, agents: tuple[int, ...]) -> tuple[dict[int, Dista
 def together(games: Mapping[int, NonlinearGame], start: Array | None = None) -> dict[int, Array]:
     """The decisions of all agents where their common cost is least near `start`, shape (N n,), by SLSQP."""
     shares = [replace(game.share(), T=nothing(), t=nothing()) for game in games.values()]  # type: ignore[attr-defined]
-    whole = assembled(shares)
+    whole = assemble(shares)
     T = block_diag(*(game.T for game in games.values()))
     t = np.concatenate([game.t for game in games.values()])
 

@@ -9,7 +9,7 @@ from dcf_zenoh.algorithms.algorithm import Dialogue, Me
 from dcf_zenoh.algorithms.shared.local_qp import Solution
 from dcf_zenoh.errors import AlgorithmError
 from dcf_zenoh.plant import Array
-from dcf_zenoh.problems.central import Whole, assembled
+from dcf_zenoh.problems.central import VariationalInequality, assemble
 from dcf_zenoh.problems.problem import AggregativeGame, NonlinearGame
 from dcf_zenoh.problems.share import Share, Shareable
 
@@ -53,7 +53,7 @@ def gather(me: Me, game: AggregativeGame, plan: Array) -> Dialogue[dict[int, Sha
             return None
 
 
-def local_problem(agent: int, shares: dict[int, Share]) -> Whole:
+def local_problem(agent: int, shares: dict[int, Share]) -> VariationalInequality:
     """Return the problem that an agent solves over copies of all decisions.
 
     Its cost is the agent's own cost and 1/N of the agents' cost of the mean; the sum over all agents is their common
@@ -64,7 +64,7 @@ def local_problem(agent: int, shares: dict[int, Share]) -> Whole:
     """
     count = len(shares)
     mine = shares[agent].A.any(axis=1) if shares[agent].A.size else slice(0)
-    whole = assembled([
+    whole = assemble([
         replace(share, K=share.K / count, A=share.A[mine], b=share.b[mine]) for _, share in sorted(shares.items())
     ])  # fmt: skip
     if not whole.symmetric:
@@ -72,7 +72,9 @@ def local_problem(agent: int, shares: dict[int, Share]) -> Whole:
     return whole
 
 
-def linearised(local: Whole, game: NonlinearGame, shares: dict[int, Share], near: Solution) -> Whole:
+def linearised(
+    local: VariationalInequality, game: NonlinearGame, shares: dict[int, Share], near: Solution
+) -> VariationalInequality:
     """Return `local` with the game's constraints c(y) <= 0 linearised at `near`: c + c'(y) T (v - near) <= 0.
 
     The curvature of the constraints, weighted by their prices, is added to that of the cost. Prices that `near` does

@@ -7,7 +7,7 @@ import numpy as np
 from dcf_zenoh.algorithms.algorithm import Inbox, Me, PerNeighbour
 from dcf_zenoh.algorithms.shared.local_qp import Solution
 from dcf_zenoh.plant import Array
-from dcf_zenoh.problems.central import Whole
+from dcf_zenoh.problems.central import VariationalInequality
 from dcf_zenoh.problems.problem import AggregativeGame
 
 
@@ -38,7 +38,13 @@ class EdgeCopies:
     """
 
     def __init__(
-        self, me: Me, game: AggregativeGame, agents: tuple[int, ...], local: Whole, penalty: float, relax: float
+        self,
+        me: Me,
+        game: AggregativeGame,
+        agents: tuple[int, ...],
+        local: VariationalInequality,
+        penalty: float,
+        relax: float,
     ) -> None:
         self._all, self._none, self._agents = me.neighbours, np.zeros_like(local.r), agents
         self._penalty, self._relax = penalty, relax

@@ -9,7 +9,7 @@ from scipy.linalg import block_diag
 
 from dcf_zenoh.errors import AlgorithmError
 from dcf_zenoh.plant import Array, read_only
-from dcf_zenoh.problems.central import Whole
+from dcf_zenoh.problems.central import VariationalInequality
 
 TOLERANCE = 1e-9  # of the solver, absolute and relative
 INFEASIBLE = ("primal infeasible", "primal infeasible inaccurate")  # status of OSQP
@@ -52,7 +52,11 @@ class LocalQP:
     """
 
     def __init__(
-        self, whole: Whole, weight: float, warm: Solution | None = None, slack_price: float | None = None
+        self,
+        whole: VariationalInequality,
+        weight: float,
+        warm: Solution | None = None,
+        slack_price: float | None = None,
     ) -> None:
         self._r, self._rows = whole.r, len(whole.G)
         self._program = whole._replace(M=whole.M + weight * np.eye(len(whole.r)))
@@ -81,7 +85,7 @@ class LocalQP:
         return Solution(read_only(found.x[:n]), read_only(found.y[: self._rows]))
 
 
-def _set_up(program: Whole) -> osqp.OSQP:
+def _set_up(program: VariationalInequality) -> osqp.OSQP:
     solver = osqp.OSQP()
     solver.setup(
         sparse.csc_matrix(np.triu(program.M)), program.r, sparse.csc_matrix(program.G), program.low, program.high,
@@ -91,7 +95,7 @@ def _set_up(program: Whole) -> osqp.OSQP:
     return solver
 
 
-def _softened(program: Whole, price: float) -> Whole:
+def _softened(program: VariationalInequality, price: float) -> VariationalInequality:
     """Return the program with a slack s >= 0, at cost `price`, in each inequality of several components."""
     n, soft = len(program.r), np.flatnonzero((np.count_nonzero(program.G, axis=1) > 1) & np.isinf(program.low))
     slack = np.zeros((len(program.G), len(soft)))

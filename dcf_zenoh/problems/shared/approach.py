@@ -1,4 +1,4 @@
-"""How a body flies to a place and comes to rest there."""
+"""Motion of a body to a place, where it comes to rest."""
 
 from typing import NamedTuple
 
@@ -8,11 +8,11 @@ from dcf_zenoh.plant import Array, Setpoint
 
 
 class Approach(NamedTuple):
-    """Accelerates by a = pace² (place - p) - 2 pace v, which does not overshoot where the bound is not met.
+    """Critically damped approach a = pace² (place - p) - 2 pace v, which does not overshoot unless the bound is active.
 
     Attributes:
-        sample_time: For which an acceleration is held, s.
-        pace: rad/s; a body is there after about 6 / pace seconds.
+        sample_time: Time for which an acceleration is held, s.
+        pace: Natural frequency, rad/s; a body arrives after about 6 / pace seconds.
         accel_max: Bound on each component, m/s².
     """
 
@@ -22,10 +22,10 @@ class Approach(NamedTuple):
 
     @classmethod
     def of(cls, sample_time: float, pace: float, accel_max: float) -> "Approach":
-        """The same, checked.
+        """Check the arguments and make an approach of them.
 
         Raises:
-            ValueError: A number is not positive, or the pace so high that the body would swing ever farther.
+            ValueError: A number is not positive, or the pace so high that the sampled motion would be unstable.
         """
         if not 0 < pace * sample_time < 1:
             raise ValueError(f"pace must be positive and less than 1 / sample_time, {1 / sample_time:g}, not {pace}")
@@ -34,12 +34,12 @@ class Approach(NamedTuple):
         return cls(sample_time, pace, accel_max)
 
     def setpoint(self, position: Array, velocity: Array, place: Array, stage: int) -> Setpoint:
-        """The acceleration of `stage` samples ahead, and where the body is at the end of it.
+        """Return the acceleration of `stage` samples ahead, and the predicted position and velocity at its end.
 
         Args:
-            position: Now, shape (d,), m.
-            velocity: Now, shape (d,), m/s.
-            place: Where to go, shape (d,), m.
+            position: Present position, shape (d,), m.
+            velocity: Present velocity, shape (d,), m/s.
+            place: Destination, shape (d,), m.
             stage: 0 for the present sample.
         """
         held, acceleration = self.sample_time, np.zeros_like(position)

@@ -17,7 +17,7 @@ class Box(NamedTuple):
 
     @classmethod
     def of(cls, size: int, lower: Bound, upper: Bound) -> "Box":
-        """A box from keys of a fleet file: None, one number for all components, or one for each.
+        """Make a box from keys of a fleet file: None, one number for all components, or one for each.
 
         Raises:
             ValueError: There are not `size` numbers, or a lower bound is above the upper one.
@@ -32,19 +32,19 @@ class Box(NamedTuple):
 
     @property
     def everything(self) -> bool:
-        """There are no bounds."""
+        """Whether there are no bounds."""
         return bool(np.isinf(self.lower).all() and np.isinf(self.upper).all())
 
     def nearest(self, x: Array) -> Array:
-        """The point of the box that is nearest to `x`."""
+        """Return the point of the box that is nearest to `x`."""
         return np.minimum(np.maximum(x, self.lower), self.upper)
 
 
 def vector(name: str, value: float | list[float], size: int) -> Array:
-    """A read-only array of shape (size,) from one number for all components, or one for each.
+    """Return a read-only array of shape (size,) from one number for all components, or one for each.
 
     Raises:
-        ValueError: There is another number of them.
+        ValueError: There are neither 1 nor `size` numbers.
     """
     given = np.atleast_1d(np.asarray(value, dtype=np.float64))
     if given.shape not in ((1,), (size,)):
@@ -53,7 +53,7 @@ def vector(name: str, value: float | list[float], size: int) -> Array:
 
 
 def positive(name: str, value: float | list[float], size: int) -> Array:
-    """The same, of positive numbers.
+    """Return the same as `vector`, of positive numbers.
 
     Raises:
         ValueError: A number is not positive.

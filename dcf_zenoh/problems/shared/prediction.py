@@ -1,4 +1,4 @@
-"""How an agent predicts its own motion in the plane, and what the motion costs it."""
+"""Prediction of an agent's own motion in the plane, and its cost."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -57,22 +57,23 @@ class Prediction(NamedTuple):
 
 
 def state_ahead(state: State, flown: Setpoint | None, delay: float, lag: float | None) -> Array:
-    """Position and velocity after `delay` (s) under the setpoint that is being flown, shape (2 d,).
+    """Return position and velocity after `delay` (s) under the setpoint that is being flown, shape (2 d,).
 
-    Without one the velocity stays as it is. `lag` is the `velocity_lag` of `Prediction.of`: None for a body that holds
-    the acceleration; otherwise its velocity tends to that of the setpoint, or to rest if that has no acceleration.
+    Without a setpoint the velocity is constant. `lag` is the `velocity_lag` of `PredictionOptions`: None for a body
+    that holds the acceleration; otherwise its velocity tends to that of the setpoint, or to rest if the setpoint has no
+    acceleration.
     """
     position, velocity = state.position, state.velocity
     if lag is None or flown is None:
-        told = None if flown is None else flown.acceleration
-        acceleration = np.zeros_like(velocity) if told is None else np.resize(told, velocity.shape)
+        held = None if flown is None else flown.acceleration
+        acceleration = np.zeros_like(velocity) if held is None else np.resize(held, velocity.shape)
         return np.concatenate(
             (position + velocity * delay + acceleration * (delay**2 / 2), velocity + acceleration * delay)
         )
     wanted = np.zeros_like(velocity)
     if flown.acceleration is not None:
         wanted[: len(flown.velocity)] = flown.velocity
-    left = np.exp(-delay / lag) if lag else 0.0  # share of the way to the wanted velocity
+    left = np.exp(-delay / lag) if lag else 0.0  # part of the velocity error that is left
     apart = velocity - wanted
     return np.concatenate((position + wanted * delay + apart * lag * (1 - left), wanted + apart * left))
 
@@ -83,7 +84,7 @@ def _square(values: float | Sequence[float], size: int) -> Array:
 
 
 def _lift(sample_time: float, horizon: int, lag: float | None) -> tuple[list[Array], list[Array]]:
-    """Powers A^l and lifted input matrices G_l, l = 0 .. horizon."""
+    """Return powers A^l and lifted input matrices G_l, l = 0 .. horizon."""
     eye, zero = np.eye(2), np.zeros((2, 2))
     A = np.block([[eye, sample_time * eye], [zero, eye]])
     B = np.vstack([gain * eye for gain in _gains(sample_time, lag)])
@@ -97,8 +98,8 @@ def _lift(sample_time: float, horizon: int, lag: float | None) -> tuple[list[Arr
 
 
 def _gains(sample_time: float, lag: float | None) -> tuple[float, float]:
-    """What a step at unit acceleration adds to position and velocity, beside p + v t_s and v."""
+    """Return the gains from a unit acceleration to position and velocity at the end of a step."""
     if lag is None:
         return sample_time**2 / 2, sample_time
-    reached = 1 - np.exp(-sample_time / lag) if lag else 1.0  # share of the way to the new velocity
+    reached = 1 - np.exp(-sample_time / lag) if lag else 1.0  # part of the change of velocity that is reached
     return sample_time * (sample_time - lag * reached), sample_time * reached

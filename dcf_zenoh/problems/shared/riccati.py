@@ -9,19 +9,19 @@ TOLERANCE = 1e-15  # relative
 
 
 def solve_riccati(A: Array, B: Array, Q: Array, R: Array) -> Array:
-    """The stabilising solution P of P = A'PA - A'PB (R + B'PB)^-1 B'PA + Q, by structure-preserving doubling.
+    """Return the stabilising solution P of P = A'PA - A'PB (R + B'PB)^-1 B'PA + Q, by structure-preserving doubling.
 
-    After k steps H is the cost of 2^k stages, so a few steps reach what numbers can tell. scipy has a solver too, and
-    importing it takes a third of a second, which every daemon would pay for a matrix of four rows.
+    After k steps H is the cost of 2^k stages, so a few steps reach machine precision. The solver of scipy is not used,
+    because importing it takes a third of a second at the start of every daemon.
 
     Args:
         A: Shape (n, n).
         B: Shape (n, m); (A, B) can be stabilised.
-        Q: Positive semidefinite, shape (n, n), detects what is not stable.
+        Q: Positive semidefinite, shape (n, n); (A, Q) is detectable.
         R: Positive definite, shape (m, m).
 
     Raises:
-        ValueError: The steps do not settle: there is no stabilising solution.
+        ValueError: The iteration does not converge: there is no stabilising solution.
 
     Source: Chu, Fan, Lin, Wang, "Structure-preserving algorithms for periodic discrete-time algebraic Riccati
     equations", International Journal of Control, 2004, the case of period 1.

@@ -7,20 +7,20 @@ from scipy.optimize import lsq_linear
 from dcf_zenoh.algorithms.shared.local_qp import LocalQP, Solution
 from dcf_zenoh.errors import AlgorithmError
 from dcf_zenoh.plant import Array
-from dcf_zenoh.problems.central import Whole
+from dcf_zenoh.problems.central import VariationalInequality
 
 N = 12
 
 
-def boxed(seed: int, low: float = -0.5, high: float = 0.5) -> Whole:
+def boxed(seed: int, low: float = -0.5, high: float = 0.5) -> VariationalInequality:
     rng = np.random.default_rng(seed)
     root = rng.normal(size=(N, N))
-    return Whole(
+    return VariationalInequality(
         root @ root.T + np.eye(N), rng.normal(scale=3, size=N), np.eye(N), np.full(N, low), np.full(N, high), []
     )
 
 
-def by_least_squares(whole: Whole, weight: float, pull: Array) -> Array:
+def by_least_squares(whole: VariationalInequality, weight: float, pull: Array) -> Array:
     """The same by an active-set method: with L L' = M + weight I, least |L'v - L^-1 (pull - r)|."""
     L = np.linalg.cholesky(whole.M + weight * np.eye(N))
     found = lsq_linear(L.T, np.linalg.solve(L, pull - whole.r), (whole.low, whole.high), method="bvls", tol=1e-14)
