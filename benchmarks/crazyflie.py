@@ -1,8 +1,8 @@
-"""How much faster than real time one simulated Crazyflie runs: its body and its controller at 1 kHz, one core.
+"""Speed of one simulated Crazyflie against real time: its body and its controller at 1 kHz, on one core.
 
     python benchmarks/crazyflie.py [--seconds 20]
 
-Processor time is what counts: others may share the core.
+It is measured in processor time, as other processes may share the core.
 """
 
 import argparse
@@ -19,7 +19,7 @@ SAMPLE = 200_000_000  # ns
 
 
 def speed(seconds: float, sensing: str, gusts: float) -> float:
-    """Simulated time by processor time, with a setpoint at every sample."""
+    """Return simulated time divided by processor time, with a setpoint at every sample."""
     body = Crazyflie(
         np.zeros(2),
         0.2,

@@ -1,6 +1,6 @@
-"""What a chain of three faults (loss, bursts, latency) costs per message, against a link without any.
+"""Cost per message of a chain of three faults (loss, bursts, latency), against a link without faults.
 
-Both get the same messages; their processor time is taken in turn, in one process.
+Both get the same messages; their processor time is measured in turn, in one process.
 
     python benchmarks/faults.py [--pairs 15] [--messages 20000]
 """
@@ -24,14 +24,14 @@ GOAL = 15.0  # µs
 
 
 def chain() -> FaultChain:
-    """A link on which few messages get lost, so that nearly all go through all three."""
+    """Return a link that loses few messages, so that nearly all go through all three faults."""
     latency = Latency(FaultLink(1, 2, Path()), mean=0.03, distribution="normal", std=0.005)
     faults = {"loss": Loss(probability=0.01), "bursts": Bursts(mean_loss=0.01, mean_length=3.0), "latency": latency}
     return FaultChain(0, 1, 2, [Layer(name, [(ALWAYS, fault)]) for name, fault in faults.items()])
 
 
 def stream(count: int) -> list[Delivery]:
-    """Messages of the size that a position swap sends, one each ms."""
+    """Return messages of the size that a position swap sends, one per ms."""
     payload = canonical({"s": np.zeros(20), "c": np.zeros(10), "lam": np.zeros(10)})
     deliveries = []
     for number in range(count):
@@ -42,7 +42,7 @@ def stream(count: int) -> list[Delivery]:
 
 
 def cost(link: FaultChain, deliveries: list[Delivery]) -> float:
-    """Mean processor time for a message, in µs."""
+    """Return the mean processor time per message, µs."""
     began = time.process_time()
     for each in deliveries:
         link.convey(each)

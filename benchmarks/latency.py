@@ -1,9 +1,9 @@
-"""How exactly injected latency is kept on the wall clock.
+"""Error of injected latency on the wall clock.
 
-Two daemons with a constant latency between them, in synchronous rounds. An algorithm says when it speaks, and notes
-when it hears; so a trip goes from the algorithm of the sender to that of the receiver, and contains all that lies
-between: encoding, Zenoh, the link, and waking up. What it takes beyond the injected latency is the error. Beside it
-stands what part of that is in the instant at which the log says the message was due.
+Two daemons with a constant latency between them run synchronous rounds. Their algorithm sends the time of sending, and
+notes the time of receiving. So a trip goes from the algorithm of the sender to that of the receiver and contains
+everything between: encoding, Zenoh, the link, and waking up. Its duration beyond the injected latency is the error,
+printed next to the part of it that lies before the due time in the log.
 
     python benchmarks/latency.py [--latencies 3 10 30]
 """
@@ -60,26 +60,26 @@ rounds = true
 
 
 def stamped(_problem: object, me: Me) -> Dialogue[Result]:
-    """Say when, and note when it is heard. All processes of a machine have the same monotonic clock."""
+    """Send the time, and note how long it took. All processes of a machine have the same monotonic clock."""
     (other,) = me.neighbours
     while True:
-        spoke = time.monotonic_ns()
-        inbox = yield {"spoke": spoke}, float("inf")
+        sent_at = time.monotonic_ns()
+        inbox = yield {"sent_at": sent_at}, float("inf")
         if inbox.fresh(other):
-            me.note(took=time.monotonic_ns() - inbox[other]["spoke"])
+            me.note(took=time.monotonic_ns() - inbox[other]["sent_at"])
         if inbox.stop:
             return me.result(0.0)
 
 
 class Errors(NamedTuple):
-    """Of one run, in ms beyond the injected latency: when messages were due, and when algorithms heard them."""
+    """Errors of one run, in ms beyond the injected latency: at the due time, and at the receiving algorithm."""
 
     due: npt.NDArray[np.float64]
-    heard: npt.NDArray[np.float64]
+    received: npt.NDArray[np.float64]
 
 
 def measure(latency: float) -> Errors:
-    """One run with so many s of latency."""
+    """Run the two daemons with a latency in s."""
     with TemporaryDirectory() as folder:
         fleet, out = Path(folder) / "latency.toml", Path(folder) / "run"
         keys = {"file": Path(__file__).resolve(), "latency": latency, "seconds": SECONDS, "sample_time": SECONDS + 0.1}
@@ -88,8 +88,8 @@ def measure(latency: float) -> Errors:
         subprocess.run(command, check=True, timeout=60, capture_output=True)
         logs = Run.read(out).agents.values()
     due = [each.due - each.entered for log in logs for each in log.passed]
-    heard = [noted["took"] for log in logs for *_, noted in log.rounds_log[0] if noted]
-    return Errors(*(np.array(taken) * 1e-6 - latency * 1e3 for taken in (due, heard)))
+    received = [noted["took"] for log in logs for *_, noted in log.rounds_log[0] if noted]
+    return Errors(*(np.array(taken) * 1e-6 - latency * 1e3 for taken in (due, received)))
 
 
 def main() -> None:
@@ -97,15 +97,15 @@ def main() -> None:
     parser.add_argument("--latencies", type=float, nargs="+", default=[3.0, 10.0, 30.0], help="ms")
     latencies = parser.parse_args().latencies
     print(f"error in ms; load {_load()} on {os.cpu_count()} cores")
-    print("latency  messages   due: median    99 %     most   heard: median    99 %     most")
+    print("latency  messages   due: median    99 %     most   received: median    99 %     most")
     good = True
     for latency in latencies:
         errors = measure(latency * 1e-3)
         cells = ["%11.3f%8.3f%9.3f" % (*np.percentile(each, (50, 99)), each.max()) for each in errors]  # noqa: UP031
-        print(f"{latency:7g}{len(errors.heard):10d}  {cells[0]}     {cells[1]}")
-        median, tail = np.percentile(errors.heard, (50, 99))
+        print(f"{latency:7g}{len(errors.received):10d}  {cells[0]}     {cells[1]}")
+        median, tail = np.percentile(errors.received, (50, 99))
         good = good and abs(median) < GOALS[0] and tail < GOALS[1]
-    print(f"load {_load()}; goals for what is heard: median < {GOALS[0]:g} ms, 99 % < {GOALS[1]:g} ms:", end=" ")
+    print(f"load {_load()}; goals at the algorithm: median < {GOALS[0]:g} ms, 99 % < {GOALS[1]:g} ms:", end=" ")
     print("met" if good else "missed")
 
 

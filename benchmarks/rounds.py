@@ -1,15 +1,15 @@
 """Synchronous rounds per second through the whole stack, against a bare Zenoh loop of the same payload.
 
-N processes on the complete graph; in every round each publishes 30 float64 and waits for the others'. The stack is
-what a daemon runs: exchange, mailbox, codec, network, on the wall clock; there is no algorithm. The bare loop is what
-one would write by hand with Zenoh's defaults: a subscriber with a callback per neighbour, a queue, `put`. They are run
-in turn, many times, each turn in an order of its own; only the ratios mean anything: the median, with its 95 %
-confidence interval. Where the interval holds 1 a difference could not be measured. Of the ratios that of processor time
-is the steadier one on a machine that does other work.
+N processes on the complete graph; in every round each publishes 30 float64 and waits for the others'. The stack is that
+of a daemon: exchange, mailbox, codec, network, on the wall clock; there is no algorithm. The bare loop is written by
+hand with Zenoh's defaults: a subscriber with a callback per neighbour, a queue, `put`. They run in turn, many times,
+each turn in a random order. Only the ratios are meaningful: the median, with its 95 % confidence interval. Where the
+interval contains 1, no difference was measured. On a machine with other load the ratio of processor times is the
+steadier one.
 
     python benchmarks/rounds.py [--pairs 8] [--seconds 1.5] [--sizes 2 4 8] [--against TREE]
 
-With ``--against`` the stack of another working tree of this project takes its turn too:
+With ``--against`` the stack of another working tree of this project runs in turn, too:
 
     git worktree add ../before REVISION
     python benchmarks/rounds.py --against ../before
@@ -43,7 +43,7 @@ TIMEOUT = 60.0  # s for one run, start and end included
 
 
 class Measured(NamedTuple):
-    """What one process saw: rounds, real and processor time in s."""
+    """Measurement of one process: rounds, real and processor time in s."""
 
     rounds: int
     real: float
@@ -55,13 +55,13 @@ class Measured(NamedTuple):
 
 
 def report(measured: Measured) -> None:
-    """Tell the parent, and keep the session open until everybody has finished."""
+    """Report to the parent, and keep the session open until all processes have finished."""
     print(json.dumps(measured), flush=True)
     sys.stdin.readline()
 
 
 def bare(agent: int, ports: list[int], seconds: float) -> None:
-    """Rounds by hand."""
+    """Run rounds written by hand."""
     import zenoh  # noqa: PLC0415
 
     others = [j for j in range(len(ports)) if j != agent]
@@ -76,40 +76,42 @@ def bare(agent: int, ports: list[int], seconds: float) -> None:
         config.insert_json5(key, json.dumps(value))
     inbox: SimpleQueue[bytes] = SimpleQueue()
     values = np.random.default_rng(agent).normal(size=VALUES)
-    heard: defaultdict[int, dict[int, bytes]] = defaultdict(dict)  # round -> sender -> data
+    received: defaultdict[int, dict[int, bytes]] = defaultdict(dict)  # round -> sender -> data
 
-    def say(number: int, stop: bool) -> None:
+    def publish(number: int, stop: bool) -> None:
         publisher.put(bytes([agent, stop]) + number.to_bytes(4) + values.tobytes())
 
-    def hear(number: int, timeout: float) -> None:
-        """Wait for everybody's message of a round."""
+    def receive(number: int, timeout: float) -> None:
+        """Wait for the messages of a round."""
         deadline = time.monotonic() + timeout
-        while len(heard[number]) < len(others):
+        while len(received[number]) < len(others):
             data = inbox.get(timeout=max(0.0, deadline - time.monotonic()))
-            heard[int.from_bytes(data[2:6])][data[0]] = data
+            received[int.from_bytes(data[2:6])][data[0]] = data
 
     with zenoh.open(config) as session:
         for j in others:
             session.declare_subscriber(f"bench/from/{j}", lambda sample: inbox.put(sample.payload.to_bytes()))
         publisher = session.declare_publisher(f"bench/from/{agent}")
         end = time.monotonic() + TIMEOUT / 2
-        while len(heard[0]) < len(others) and time.monotonic() < end:  # until everybody was heard in round 0
-            say(0, stop=False)
-            with suppress(Empty):  # say it again
-                hear(0, 0.02)
-        say(0, stop=False)
+        while (
+            len(received[0]) < len(others) and time.monotonic() < end
+        ):  # until a message of each has been received in round 0
+            publish(0, stop=False)
+            with suppress(Empty):  # publish again
+                receive(0, 0.02)
+        publish(0, stop=False)
         number, stop, began, busy = 0, False, time.monotonic(), time.process_time()
         while not stop:
             number += 1
             mine = agent == 0 and number % PERIOD == 0 and time.monotonic() - began > seconds
-            say(number, stop=mine)
-            hear(number, 10)
-            stop = mine or any(data[1] for data in heard.pop(number).values())
+            publish(number, stop=mine)
+            receive(number, 10)
+            stop = mine or any(data[1] for data in received.pop(number).values())
         report(Measured.since(number, began, busy))
 
 
 def stack(agent: int, ports: list[int], seconds: float) -> None:
-    """Rounds by what a daemon is made of."""
+    """Run rounds with the parts of a daemon."""
     from agentd.daemon.runner import WallRunner, spare_collector  # noqa: PLC0415
     from dcf_zenoh.algorithms.algorithm import Dialogue  # noqa: PLC0415
     from dcf_zenoh.assembly import AgentParts  # noqa: PLC0415
@@ -142,7 +144,7 @@ def stack(agent: int, ports: list[int], seconds: float) -> None:
             number += 1
             mine = agent == 0 and number % PERIOD == 0 and time.monotonic() - began > seconds
             if number % PERIOD == 0:
-                receiver.passed.clear()  # as a step's record takes them away
+                receiver.passed.clear()  # as the record of a step does
             inbox = yield {"values": values, "stop": mine}, np.inf
             stop = mine or (agent != 0 and bool(inbox[0]["stop"]))
         return Measured.since(number, began, busy)
@@ -169,14 +171,14 @@ def stack(agent: int, ports: list[int], seconds: float) -> None:
 
 
 class Speed(NamedTuple):
-    """Of one run: rounds per second, and processor time per round and process in µs."""
+    """Speed of one run: rounds per second, and processor time per round and process in µs."""
 
     rate: float
     processor: float
 
 
 def measure(kind: str, tree: Path, count: int, seconds: float) -> Speed:
-    """One run of the bare loop or of the stack in fresh processes, by the code in a working tree."""
+    """Run the bare loop or the stack in fresh processes, with the code of a working tree."""
     ports = free_ports(count)
     command = [sys.executable, str(tree / SCRIPT), "--seconds", str(seconds), "--ports", *map(str, ports)]
     children = [
@@ -190,7 +192,9 @@ def measure(kind: str, tree: Path, count: int, seconds: float) -> Speed:
         for i in range(count)
     ]
     try:
-        found = [Measured(*json.loads(_line(child))) for child in children]  # an empty line: it died, see above
+        found = [
+            Measured(*json.loads(_line(child))) for child in children
+        ]  # an empty line means that the process died: its error is printed above
         for child in children:
             child.communicate("done\n", timeout=TIMEOUT)
     finally:
@@ -201,7 +205,7 @@ def measure(kind: str, tree: Path, count: int, seconds: float) -> Speed:
 
 
 def compare(name: str, ours: list[Speed], theirs: list[Speed]) -> str:
-    """Medians of the ratios of runs taken in turn, with confidence intervals, and the medians themselves."""
+    """Return the medians of the ratios of runs in turn, with confidence intervals, and the medians themselves."""
     text = name
     for k, what in enumerate(("rounds/s", "processor time per round, µs")):
         ratios = [mine[k] / other[k] for mine, other in zip(ours, theirs, strict=True)]
@@ -213,7 +217,7 @@ def compare(name: str, ours: list[Speed], theirs: list[Speed]) -> str:
 
 
 def confidence(values: list[float]) -> tuple[float, float]:
-    """95 % confidence interval of the median, by the sign test; the range of fewer than six values, which is less."""
+    """Return the 95 % confidence interval of the median, by the sign test; of fewer than six values their range."""
     count, ordered = len(values), sorted(values)
     tails = itertools.accumulate(math.comb(count, k) / 2**count for k in range(count // 2))
     outside = max(0, sum(2 * tail <= 0.05 for tail in tails) - 1)  # values beyond either end
@@ -226,7 +230,7 @@ def _line(child: "subprocess.Popen[str]") -> str:
 
 
 def free_ports(count: int) -> list[int]:
-    """Ports that nobody uses now."""
+    """Return ports that are not in use now."""
     found: list[int] = []
     while len(found) < count:
         port = random.randrange(20000, 32000)

@@ -1,4 +1,4 @@
-"""How fast the simulator is: against real time, and against the bare algorithm generators in a plain loop.
+"""Speed of the simulator against real time, and against the bare algorithm generators in a plain loop.
 
 Both fly the same position swap, round for round; they are timed in turn, in one process.
 
@@ -27,7 +27,7 @@ GOAL = 15.0
 
 
 def plain_loop(fleet: LoadedFleet, rounds: list[int]) -> dict[int, Array]:
-    """The swap without any framework: the generators, the double integrator, and nothing else."""
+    """Fly the swap without any framework: the generators and the double integrator alone."""
     spec = fleet.spec
     problems = {
         i: PositionSwap(i, spec.ids, spec.time.sample_time, target=spec.agents[i].target or ()) for i in spec.ids
@@ -38,13 +38,13 @@ def plain_loop(fleet: LoadedFleet, rounds: list[int]) -> dict[int, Array]:
     model = problems[spec.ids[0]]
     for count in rounds:
         running = {i: algorithm(problems[i].at(states), fleet_me[i]) for i in spec.ids}
-        said = {i: next(dialogue) for i, dialogue in running.items()}
+        yielded = {i: next(dialogue) for i, dialogue in running.items()}
         for number in range(count):
-            own = {i: payload for i, (payload, _) in said.items()}
+            own = {i: payload for i, (payload, _) in yielded.items()}
             for i, dialogue in running.items():
-                heard = {j: own[j] for j in fleet_me[i].neighbours}
+                received = {j: own[j] for j in fleet_me[i].neighbours}
                 try:
-                    said[i] = dialogue.send(Inbox(own[i], heard, stop=number + 1 == count))
+                    yielded[i] = dialogue.send(Inbox(own[i], received, stop=number + 1 == count))
                 except StopIteration as finished:
                     fleet_me[i].remember(finished.value)
         for i in spec.ids:
@@ -65,7 +65,7 @@ def main() -> None:
     rounds = [int(count) - shared for count in next(iter(run.agents.values())).rounds]
     with threadpool_limits(1):
         end = plain_loop(fleet, rounds)
-        for i, log in run.agents.items():  # the same flight, or the comparison means nothing
+        for i, log in run.agents.items():  # the comparison needs the same flight
             assert log.end is not None
             np.testing.assert_allclose(end[i], log.end["state"], atol=1e-9)
         simulated, plain = [], []

@@ -1,6 +1,6 @@
-"""How many random swaps arrive, with detours and without: seeds of the fleet position_swap_random, in the simulator.
+"""Random swaps that arrive, with detours and without: seeds of the fleet position_swap_random, in the simulator.
 
-Each flight may take 60 s. Prints one line for each set, and exits with 1 if any flight with detours went below h = 0.
+Each flight may take 60 s. Prints one line for each set, and exits with 1 if a flight with detours went below h = 0.
 
     python benchmarks/swaps.py [--agents 4 6 10] [--seeds 15 15 6] [--processes 2]
 """
@@ -19,7 +19,7 @@ WIDE = 2.6  # m, for more agents
 
 
 class Flight(NamedTuple):
-    """One seed: when all had arrived, s; the least barrier value of any pair; detours begun; median rounds per step."""
+    """Flight of one seed: arrival of all, s; least barrier value of any pair; detours begun; median rounds per step."""
 
     arrival: float | None
     barrier: float

@@ -1,10 +1,10 @@
-"""Whether daemons with simulated Crazyflies keep the wall clock, and how soon one of them is ready.
+"""Daemons with simulated Crazyflies on the wall clock: steps in time, and the time until a daemon is ready.
 
     python benchmarks/wall_clock.py [--runs 3]
 
-Four daemons fly the position swap in real time, with point masses and with Crazyflies in turn: the difference is what
-the Crazyflie costs. Then one daemon is started, again and again: from its start until its first control step is done.
-The machine code of the model is compiled before. Other load counts, so it is printed.
+Four daemons fly the position swap in real time, with point masses and with Crazyflies in turn: the difference is the
+cost of the Crazyflie. Then a single daemon is started several times and timed until its first control step is done. The
+machine code of the model is compiled before. Other load has an effect, so it is printed.
 """
 
 import argparse
@@ -35,12 +35,12 @@ agents = { 1 = { start = [0.0, 0.0] } }
 
 
 def flight(plant: str, folder: Path) -> str:
-    """Four daemons on the wall clock, and how they did."""
+    """Fly with four daemons on the wall clock; return a line of results."""
     before = load()
     command = [sys.executable, "-m", "agentd", "launch", "position_swap", "--clock", "wall", "--plant", plant]
     options = ["--out", str(folder), "--json", "--no-report"]
     done = subprocess.run([*command, *options], check=False, capture_output=True, text=True)
-    if done.returncode:  # on a machine that is busy enough neighbours fall silent
+    if done.returncode:  # on a busy machine neighbours fall silent
         return f"FAILED: {done.stderr.strip().splitlines()[-1].removeprefix('agentd: ')[:120]}; {before}"
     summary = Run.read(folder).summary()
     steps = sum(summary["ended_by"].values())
@@ -55,7 +55,7 @@ def flight(plant: str, folder: Path) -> str:
 
 
 def ready(plant: str, folder: Path) -> float:
-    """Seconds from the start of one daemon until its first step is done, which it tells on standard output."""
+    """Return the seconds from the start of one daemon to its first status line, when its first step is done."""
     folder.mkdir()
     fleet = folder / "alone.toml"
     fleet.write_text(ALONE.replace("PLANT", plant), encoding="utf-8")

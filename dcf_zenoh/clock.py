@@ -28,7 +28,7 @@ class WallClock:
 
 
 class VirtualClock:
-    """Virtual time: it passes only where the model says so."""
+    """Virtual time: it passes only where the model lets it."""
 
     def __init__(self) -> None:
         self._now = 0

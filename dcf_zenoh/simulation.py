@@ -123,7 +123,7 @@ class _SimulatedAgent(Runner):
         return self.now
 
     def wait(self, request: Wait) -> int:
-        """Let time pass, or block until the messages of all senders are there."""
+        """Let time pass, or block until all senders' messages have been received."""
         if request.senders:
             self._block(request, request.senders)
         else:

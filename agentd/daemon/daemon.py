@@ -16,6 +16,7 @@ from agentd.daemon.stop_requests import EmergencyStop, listening
 from dcf_zenoh.assembly import AgentParts, Blueprint, Restart
 from dcf_zenoh.config import LoadedFleet, to_toml
 from dcf_zenoh.errors import NetworkError, RecordingError
+from dcf_zenoh.graph import Neighbourhood
 from dcf_zenoh.loop.agent import Ending
 from dcf_zenoh.message import VERSION, Last
 from dcf_zenoh.messaging.handshake import ClockOffset
@@ -74,14 +75,7 @@ def run_agent(fleet: LoadedFleet, task: Assignment) -> Last:
     """
     blueprint = Blueprint.of(fleet)
     neighbourhood = blueprint.neighbourhood(task.agent)
-    linked = sorted({*neighbourhood.receives_from, *neighbourhood.sends_to})
-    address = Address(
-        prefix=f"dcf/{fleet.spec.name}/{task.run}",
-        listen=task.endpoints[task.agent],
-        connect=endpoints_to_connect(task.agent, linked, task.endpoints),
-        settings=fleet.spec.zenoh.settings,
-        send_timeout=SEND_TIMEOUT if fleet.spec.time.clock == "wall" else fleet.spec.zenoh.receive_timeout,
-    )
+    address = _address(fleet.spec, task, neighbourhood)
     restart = restart_of(fleet.spec, task.folder, task.agent) if task.rejoin else None
     incarnation = restart.incarnation if restart else 0
     emergency = EmergencyStop()
@@ -126,6 +120,17 @@ def run_agent(fleet: LoadedFleet, task: Assignment) -> Last:
     if ending.cause:
         raise ending.cause
     return ending.last
+
+
+def _address(fleet: FleetSpec, task: Assignment, neighbourhood: Neighbourhood) -> Address:
+    linked = sorted({*neighbourhood.receives_from, *neighbourhood.sends_to})
+    return Address(
+        prefix=f"dcf/{fleet.name}/{task.run}",
+        listen=task.endpoints[task.agent],
+        connect=endpoints_to_connect(task.agent, linked, task.endpoints),
+        settings=fleet.zenoh.settings,
+        send_timeout=SEND_TIMEOUT if fleet.time.clock == "wall" else fleet.zenoh.receive_timeout,
+    )
 
 
 def restart_of(fleet: FleetSpec, folder: Path, agent: int) -> Restart:

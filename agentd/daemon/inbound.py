@@ -1,4 +1,4 @@
-"""Reading from the network: messages into an agent's mailbox, events to what handles them."""
+"""Reading from the network: messages into an agent's mailbox, events to their handlers."""
 
 import logging
 from collections.abc import Callable, Mapping

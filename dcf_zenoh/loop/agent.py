@@ -96,7 +96,7 @@ class Agent:
         self._supervisor = Supervisor(fleet.safety, fleet.arena, fleet.time.sample_time)
         self._flight = Flight(me, plant, exchange, recorder, nanoseconds(fleet.zenoh.ready_timeout))
         self._lost: dict[int, str] = {}
-        self._hold_reason = ""  # set once an alarm says hold: from then on the body stays where it is
+        self._hold_reason = ""  # set once the reaction to an alarm is hold: from then on the body stays where it is
         self._landing_cause: Landed | NeighbourLost | None = None
 
     def run(self) -> Loop[Ending]:
@@ -110,7 +110,7 @@ class Agent:
             NumericalError: A plant or a controller produced a value that is not a number.
             PlantError: The plant raised an exception, or the landing after a failure was not confirmed.
             AlgorithmError: The algorithm, the problem or the controller raised an exception.
-            Stopped: The agent was told to stop.
+            Stopped: The agent was stopped from outside.
         """
         try:
             step, last = yield from self._control()
@@ -224,7 +224,14 @@ class Agent:
         self._recorder.step(StepRecord.abstained(step, now, state, setpoint, self._hold_reason))
 
     def _after(self, outcome: Outcome[Decision], step: int, now: int, last: Last | None) -> Last | None:
-        """Return the kind of goodbye if the run ends after this step, `last` being what the supervisor says so far."""
+        """Return the kind of goodbye if the run ends after this step.
+
+        Args:
+            outcome: Outcome of the negotiation.
+            step: Control step k.
+            now: Fleet time, ns.
+            last: Kind of goodbye that follows from the alarms so far.
+        """
         if outcome.all_arrived or self._exchange.departed(Last.ARRIVED):
             return Last.ARRIVED
         silent = self._supervisor.neighbours([f"neighbour {j} is lost ({how})" for j, how in self._lost.items()])

@@ -1,4 +1,4 @@
-"""Node faults: slow computation, a pause and a crash of one agent, as the fleet file says."""
+"""Node faults: slow computation, a pause and a crash of one agent, from the fleet file."""
 
 from collections.abc import Callable
 from typing import TypeVar

@@ -17,7 +17,7 @@ class Hello(NamedTuple):
         fingerprint: Hash of its fleet file, plug-ins and version.
         sent: When it was sent, by the sender's clock.
         echo: When the last hello to the sender was sent, by the receiver's clock; 0 if the sender has had none.
-        heard: When that one arrived there, by the sender's clock; 0 if the sender has had none.
+        received: When that one arrived there, by the sender's clock; 0 if the sender has had none.
         at: When this hello arrived, by the receiver's clock.
         incarnation: Number of restarts of the sender in this run.
         start: When fleet time was 0, by the sender's clock; 0 if it has not started.
@@ -27,7 +27,7 @@ class Hello(NamedTuple):
     fingerprint: str
     sent: int
     echo: int
-    heard: int
+    received: int
     at: int
     incarnation: int = 0
     start: int = 0
@@ -47,8 +47,8 @@ class Hello(NamedTuple):
             raise MessageError(f"not a hello: {fields!r:.60}")
         if fields[0] != neighbour:
             raise MessageError(f"it claims to come from agent {fields[0]}")
-        sender, fingerprint, sent, echo, heard, incarnation, start = fields
-        return cls(sender, fingerprint, sent, echo, heard, at, incarnation, start)
+        sender, fingerprint, sent, echo, received, incarnation, start = fields
+        return cls(sender, fingerprint, sent, echo, received, at, incarnation, start)
 
 
 @dataclass(frozen=True)
@@ -73,8 +73,8 @@ class ClockOffset:
     @classmethod
     def of(cls, hello: Hello) -> "ClockOffset":
         """Compute the offset from a hello that answers an earlier one."""
-        ahead = (hello.heard - hello.echo) + (hello.sent - hello.at)
-        trip = (hello.at - hello.echo) - (hello.sent - hello.heard)
+        ahead = (hello.received - hello.echo) + (hello.sent - hello.at)
+        trip = (hello.at - hello.echo) - (hello.sent - hello.received)
         return cls(ahead // 2, max(0, trip) // 2)
 
 

@@ -181,7 +181,7 @@ class Network:
         }
         self._publisher = self._declare_publisher("*")
         self._edges = {j: self._declare_publisher(str(j)) for j in neighbourhood.sends_to}
-        for j in self._linked:  # last: a neighbour that knows the hello key then knows the other keys, too
+        for j in self._linked:  # last: once the hello key is declared, all others are
             self._watch(j)
         self._session.declare_queryable(f"{self._prefix}/control/{agent}", self._on_query)
         self._token = self._session.liveliness().declare_token(f"{self._prefix}/alive/{agent}")
@@ -261,7 +261,7 @@ class Network:
             Neighbour -> clock offset.
 
         Raises:
-            NotReady: A neighbour did not answer; the message names it. Or this agent was told to stop.
+            NotReady: A neighbour did not answer; the message names it. Or this agent was stopped from outside.
             NetworkError: A neighbour runs another fleet.
         """
         self._handshake = handshake = Handshake(self._agent, self._linked, fingerprint, incarnation)

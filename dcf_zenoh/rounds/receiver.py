@@ -179,7 +179,7 @@ class Receiver:
 
     @property
     def unmet(self) -> list[tuple[int, str, str]]:
-        """Faults that never had anything to act on: neighbour, name, description of what was missing."""
+        """Link faults that never had anything to act on: neighbour, name, description of what was missing."""
         return [(j, *each) for j, link in self._links.items() for each in link.unmet]
 
     def cut_short(self, step: int) -> tuple[dict[int, LinkCount], list[Note]]:
