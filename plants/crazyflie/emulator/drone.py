@@ -42,11 +42,11 @@ class Drone:
 
     def run(self, until: float) -> None:
         """Handle received packets, simulate and send, up to `until`, s."""
-        for came, wire in self.endpoint.receive():
+        for received_at, wire in self.endpoint.receive():
             packet_in = packet(wire)
             if packet_in is not None and (packet_in.port, packet_in.channel) == (LINK, SOURCE):
                 self.radio.connected = False  # a client begins to connect
-            self.radio.send_up(min(until, max(0.0, came - self._begin)), wire)
+            self.radio.send_up(min(until, max(0.0, received_at - self._begin)), wire)
         while (now := self.firmware.now * 1e-3) <= until:
             self._deliver(now)
             for each in self.firmware.step():

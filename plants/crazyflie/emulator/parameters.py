@@ -92,8 +92,8 @@ class Parameters:
             return [Packet(PARAM, MISCELLANEOUS, data[:1] + group + b"\0" + name + b"\0" + bytes((error,)))]
         (number,) = struct.unpack("<H", data[1:3])
         if data[0] == DEFAULT_VALUE and number < len(self._parameters):
-            asked = self._parameters[number]
-            value = struct.pack("<" + asked.layout, _stored(asked.layout, asked.default))
+            parameter = self._parameters[number]
+            value = struct.pack("<" + parameter.layout, _stored(parameter.layout, parameter.default))
             return [Packet(PARAM, MISCELLANEOUS, data[:3] + b"\0" + value)]
         return [
             Packet(PARAM, MISCELLANEOUS, data[:3] + bytes((errno.ENOENT,)))

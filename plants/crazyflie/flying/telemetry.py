@@ -48,7 +48,7 @@ class Motion(NamedTuple):
 
     @property
     def age(self) -> float:
-        """Time since this came, in s."""
+        """Time since the reception, in s."""
         return time.monotonic() - self.at
 
     def position_after(self, elapsed: float) -> Array:
@@ -75,7 +75,7 @@ class Health(NamedTuple):
 
     @property
     def age(self) -> float:
-        """Time since this came, in s."""
+        """Time since the reception, in s."""
         return time.monotonic() - self.at
 
     def has(self, bit: int) -> bool:

@@ -36,8 +36,8 @@ def thrust(speed: float, vehicle: Vehicle) -> float:
 @compiled
 def speed_for(command: float, vehicle: Vehicle) -> float:
     """Return the steady speed of a rotor, rad/s, under a constant motor `command`, 0 .. 65535."""
-    asked = vehicle.command[0] + (vehicle.command[1] + vehicle.command[2] * command) * command  # N
-    c, b, a = vehicle.thrust[0] - asked, vehicle.thrust[1], vehicle.thrust[2]  # thrust(speed) = asked
+    steady = vehicle.command[0] + (vehicle.command[1] + vehicle.command[2] * command) * command  # N
+    c, b, a = vehicle.thrust[0] - steady, vehicle.thrust[1], vehicle.thrust[2]  # thrust(speed) = steady
     return (-b + math.sqrt(max(0.0, b * b - 4 * a * c))) / (2 * a)
 
 
