@@ -144,15 +144,16 @@ def kinds(group: str) -> Iterator[str]:
 
 
 def meanings(described: object) -> dict[str, str]:
-    """Return what the docstring of a function or class says of each argument or attribute."""
-    lists = (DocstringSectionKind.parameters, DocstringSectionKind.other_parameters, DocstringSectionKind.attributes)
-    sections = Docstring(described.__doc__ or "", lineno=1).parse("google", warnings=False)
-    return {
-        each.name: " ".join(each.description.split())
-        for section in sections
-        if section.kind in lists
-        for each in section.value
-    }
+    """Return the descriptions of arguments and fields in the docstring of a function, or of a class and its bases."""
+    # the description of an argument replaces that of the attribute of the same name
+    kinds = (DocstringSectionKind.attributes, DocstringSectionKind.other_parameters, DocstringSectionKind.parameters)
+    found = {}
+    for each in reversed(getattr(described, "__mro__", (described,))):
+        sections = Docstring(each.__doc__ or "", lineno=1).parse("google", warnings=False)
+        for kind in kinds:
+            for section in (section for section in sections if section.kind is kind):
+                found |= {item.name: " ".join(item.description.split()) for item in section.value}
+    return found
 
 
 def key_rows(key: Parameter, described: dict[str, str], path: str = "") -> Iterator[str]:
