@@ -30,7 +30,7 @@ def scattered(
         agents: Number of agents.
         low: Least coordinates of the box, in m.
         high: Greatest coordinates of the box, in m.
-        spacing: Least distance of two starts, and of two targets, in m, beyond what `clear` asks for.
+        spacing: Least distance of two starts, and of two targets, in m, in addition to what `clear` requires.
         targets: "exchanged": the starts in another order, in which no agent stays. "anywhere": drawn like the starts.
 
     Raises:

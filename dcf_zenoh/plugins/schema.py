@@ -65,7 +65,7 @@ class Schema:
     def convert(self, options: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, str]]:
         """Return the values that the plug-in gets, and key -> what is wrong with it.
 
-        A sub-table becomes an object of its dataclass, with the default of each key that is not given. One that lacks
+        A sub-table becomes an object of its dataclass, with the default of each key that is not given. One without
         a required key is left out of the values; `missing` reports it.
         """
         known = {parameter.name: parameter for parameter in self.parameters}

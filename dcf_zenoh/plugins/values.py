@@ -14,8 +14,8 @@ from dcf_zenoh.plant import Array, read_only
 def convert(value: Any, annotation: Any) -> Any:
     """Return what a plug-in gets for `value`.
 
-    TOML has no tuples and no arrays: lists become what `annotation` says. Whole numbers are accepted as numbers.
-    Nothing else is converted. A type that pydantic does not know is left to the constructor of the plug-in.
+    TOML has no tuples and no arrays: lists become what `annotation` requires. Whole numbers are accepted as numbers.
+    Nothing else is converted. A type unknown to pydantic is left to the constructor of the plug-in.
 
     Raises:
         ValueError: The value is not of that type; the message states what was expected.

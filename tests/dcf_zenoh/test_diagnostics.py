@@ -19,6 +19,6 @@ from dcf_zenoh.diagnostics import expected, type_name
         (Any, "a value", "value"),
     ],
 )
-def test_type_is_said_in_words_of_a_fleet_file(annotation: Any, article: str, plain: str) -> None:
+def test_type_is_described_in_words_of_a_fleet_file(annotation: Any, article: str, plain: str) -> None:
     assert expected(annotation) == article
     assert type_name(annotation) == plain

@@ -1,4 +1,4 @@
-"""A fleet file with plug-ins of its own beside it, to be changed by tests."""
+"""A fleet file with third-party plug-ins next to it, to be changed by tests."""
 
 from pathlib import Path
 from typing import Any

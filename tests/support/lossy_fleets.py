@@ -55,7 +55,7 @@ def wrong(*, often: int = 1):
 
 
 def lossy(folder: Path, faults: str = TARGET, topology: str = "ring") -> Path:
-    """The built-in fleet of four on a ring with a time-out of rounds, and `faults`; beside it ``mine.py``."""
+    """The built-in fleet of four on a ring with a time-out of rounds, and `faults`; next to it ``mine.py``."""
     text = Path(load("position_swap").source).read_text(encoding="utf-8")
     for old, new in (
         ('kind = "complete"', f'kind = "{topology}"'),

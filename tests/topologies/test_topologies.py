@@ -81,7 +81,7 @@ def test_directed_ring_is_heard_by_the_next_alone() -> None:
     assert graph.diameter == 5
 
 
-def test_hub_of_a_star_is_the_lowest_id_unless_told() -> None:
+def test_hub_of_a_star_is_the_lowest_id_by_default() -> None:
     assert Graph.of(AGENTS, star(AGENTS)).out_neighbours(2) == AGENTS[1:]
     assert Graph.of(AGENTS, star(AGENTS, hub=7)).out_neighbours(2) == (7,)
 
@@ -133,7 +133,7 @@ def test_random_graphs_are_connected_and_belong_to_their_seed(seed: int) -> None
     assert len({str(sorted(erdos_renyi(MANY, seed=each))) for each in range(seed, seed + 3)}) == 3
 
 
-def test_pairs_are_joined_with_the_probability_that_was_asked_for() -> None:
+def test_pairs_are_joined_with_the_given_probability() -> None:
     counts = [len(erdos_renyi(MANY, probability=0.3, seed=seed)) / 2 for seed in range(30)]
     expected, deviation = 0.3 * 780, (0.3 * 0.7 * 780) ** 0.5
     assert abs(np.mean(counts) - expected) < 4 * deviation / 30**0.5

@@ -122,7 +122,7 @@ class Recipe:
         plugin: Class or function that makes the fault.
         values: Values of its keyword-only arguments.
         folder: Folder that paths of files are relative to.
-        asked: Names of its positional arguments.
+        arguments: Names of its positional arguments.
     """
 
     name: str

@@ -80,7 +80,7 @@ def test_keys_of_a_table_can_be_varied(gliders: Path) -> None:
 
 
 @pytest.mark.parametrize("run_plugins", [True, False])
-def test_misspelt_keys_are_told_with_their_full_path(gliders: Path, run_plugins: bool) -> None:
+def test_misspelt_keys_are_reported_with_their_full_path(gliders: Path, run_plugins: bool) -> None:
     changes = [
         "problem.weights.inptu=1.0",
         "agents.1.problem.weights.stat=1.0",
@@ -96,7 +96,7 @@ def test_misspelt_keys_are_told_with_their_full_path(gliders: Path, run_plugins:
     ]
 
 
-def test_ill_typed_values_are_told_with_their_full_path(gliders: Path) -> None:
+def test_ill_typed_values_are_reported_with_their_full_path(gliders: Path) -> None:
     changes = ["problem.weights.input=-1", "agents.2.problem.weights.state=3", "plants.glider.weights=much"]
     assert problems(gliders, *changes) == [
         "problem.weights.input: expected a number > 0, not -1",
@@ -105,7 +105,7 @@ def test_ill_typed_values_are_told_with_their_full_path(gliders: Path) -> None:
     ]
 
 
-def test_what_the_table_itself_refuses_is_told_at_the_table_that_is_wrong(gliders: Path) -> None:
+def test_refusal_of_a_table_is_reported_at_the_table_that_is_wrong(gliders: Path) -> None:
     text = "input must be at most ten times the sum of state, not"
     assert problems(gliders, "problem.weights.input=12") == [f"problem.weights: {text} 12"]
     assert problems(gliders, "agents.2.problem.weights.input=12") == [f"agents.2.problem.weights: {text} 12"]
@@ -114,7 +114,7 @@ def test_what_the_table_itself_refuses_is_told_at_the_table_that_is_wrong(glider
     assert problems(gliders, "agents.2.problem.weights.input=21") == [f"agents.2.problem.weights: {text} 21"]
 
 
-def test_required_key_of_a_table_is_told_where_it_is_missing(gliders: Path) -> None:
+def test_required_key_of_a_table_is_reported_where_it_is_missing(gliders: Path) -> None:
     edit(gliders, "low = -1.0", "high = 3.0")
     assert problems(gliders) == ["problem.limits.low: missing; limits needs a number"]
     edit(gliders, "[problem.limits]\nhigh = 3.0", "")

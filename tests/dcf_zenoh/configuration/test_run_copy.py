@@ -14,7 +14,7 @@ from tests.support.lossy_fleets import lossy
 from topologies import star
 
 
-def test_frozen_fleet_has_its_plugins_beside_it(file: Path, tmp_path: Path) -> None:
+def test_frozen_fleet_has_its_plugins_next_to_it(file: Path, tmp_path: Path) -> None:
     (tmp_path / "other").mkdir()
     (tmp_path / "other" / "mine.py").write_text(MINE + "\n# other")
     changes = ["topology.kind=topologies.star:star", "plants.point_mass.kind=./other/mine.py:Blimp"]
@@ -39,7 +39,7 @@ def test_frozen_fleet_has_its_plugins_beside_it(file: Path, tmp_path: Path) -> N
     assert (run / "plugins" / "mine.py").read_text() == MINE
 
 
-def test_frozen_faults_have_their_files_beside_them(tmp_path: Path) -> None:
+def test_frozen_faults_have_their_files_next_to_them(tmp_path: Path) -> None:
     (tmp_path / "here").mkdir()
     (tmp_path / "there").mkdir()
     (tmp_path / "there" / "tale.txt").write_text("twice upon a time")

@@ -73,7 +73,7 @@ def test_every_kind_keeps_the_contract_with_a_table(kind: str, options: dict[str
 
 
 @pytest.mark.parametrize("kind", [*BARE, "bursts"])
-def test_every_kind_says_which_keys_name_files_and_whether_it_loses(kind: str, folder: Path) -> None:
+def test_every_kind_declares_which_keys_name_files_and_whether_it_loses(kind: str, folder: Path) -> None:
     plugin = load("faults", kind, folder)
     keys = [parameter.name for parameter in accepted(plugin).parameters]
     assert {key for key in keys if "file" in key} == set(plugin.FILES)  # type: ignore[attr-defined]

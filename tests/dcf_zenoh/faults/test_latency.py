@@ -75,11 +75,11 @@ def test_a_link_that_was_not_measured_is_like_all_others(folder: Path) -> None:
     assert agrees(fault, lambda x: (measured(x, FAST) + measured(x, SLOW)) / 2)
 
 
-def test_a_wrong_distribution_is_told_from_the_right_one() -> None:
+def test_a_wrong_distribution_is_distinguished_from_the_right_one() -> None:
     assert not agrees(latency(distribution="normal", mean=0.03, std=0.01), stats.norm(0.03, 0.0105).cdf)
 
 
-def test_messages_may_overtake_each_other_unless_told_otherwise() -> None:
+def test_messages_may_overtake_each_other_by_default() -> None:
     options = {"distribution": "uniform", "low": 0.0, "high": 0.02}
     free, ordered = (
         [each.due for passage in convey(link(latency=latency(reorder=reorder, **options)), 1000) for each in passage[0]]

@@ -21,7 +21,7 @@ def test_as_many_messages_are_lost_as_configured(probability: float) -> None:
     assert abs(share - probability) < Z * sqrt(probability * (1 - probability) / MANY)  # binomial
 
 
-def test_a_loss_says_nothing_of_the_next() -> None:
+def test_losses_are_independent() -> None:
     p = 0.3
     gone = lost(convey(link(loss=Loss(probability=p))))
     after = [b for a, b in pairwise(gone) if a]

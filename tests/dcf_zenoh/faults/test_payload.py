@@ -18,7 +18,7 @@ KINDS: dict[str, Make] = {
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_names_that_no_payload_had_are_told(kind: str) -> None:
+def test_names_that_no_payload_had_are_reported(kind: str) -> None:
     fault = KINDS[kind](("lamda", "x", "mew"))
     alone(fault, delivery(payload={"x": 1.0, "lam": 2.0}))
     assert fault.unmet == "no payload had 'lamda', 'mew'; there were 'lam', 'x'"
@@ -36,7 +36,7 @@ def test_nothing_is_missed_of_all_names_nor_of_no_message(kind: str) -> None:
     assert not unused.unmet
 
 
-def test_a_link_tells_which_of_its_faults_missed_something() -> None:
+def test_a_link_reports_which_of_its_faults_missed_something() -> None:
     faults = {kind: KINDS[kind](("x" if kind == "noise" else "y",)) for kind in ("noise", "quantisation")}
     given = link(**faults)
     given.convey(delivery(payload={"x": 1.0}))

@@ -21,7 +21,7 @@ def test_values_are_scaled_and_shifted() -> None:
     assert payload["n"] == 4
 
 
-def test_every_receiver_is_told_the_same() -> None:
+def test_every_receiver_gets_the_same_wrong_value() -> None:
     given = delivery(payload={"x": np.array([1.0, 2.0])})
     told = [alone(Tampering(scale=3.0), given, seed=seed)[0].message.payload["x"] for seed in range(3)]
     assert all(np.array_equal(told[0], each) for each in told)

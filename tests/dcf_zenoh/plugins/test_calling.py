@@ -12,7 +12,7 @@ def test_positional_parameters_are_filled_by_name(folder: Path) -> None:
     assert made.given[:3] == ("here", 3, 2.0)
 
 
-def test_positional_parameter_that_nobody_fills_is_refused(folder: Path) -> None:
+def test_positional_parameter_that_the_framework_cannot_fill_is_refused(folder: Path) -> None:
     with pytest.raises(PluginError) as caught:
         create(load("plants", "./blimp.py:Odd", folder), {"agent": 3, "start": 0}, {}, "plants.odd")
     assert str(caught.value) == (

@@ -89,14 +89,14 @@ def test_optional_table_is_made_only_if_it_is_given(gliders: Path) -> None:
         ({"limits": {"low": True}}, "problem.limits.low: expected a number, not true"),
     ],
 )
-def test_what_is_wrong_in_a_table_is_told_with_the_path_of_the_key(
+def test_error_in_a_table_is_reported_with_the_path_of_the_key(
     gliders: Path, options: dict[str, Any], text: str
 ) -> None:
     (line,) = refused(gliders, **options)
     assert line.startswith(text)
 
 
-def test_required_table_that_is_missing_is_told_with_its_keys(gliders: Path) -> None:
+def test_required_table_that_is_missing_is_reported_with_its_keys(gliders: Path) -> None:
     plugin = load("problems", "./glider.py:Glide", gliders)
     assert check_options(plugin, {}, "problem")[1] == [
         "problem.limits: missing; Glide needs a table with the keys low, high"

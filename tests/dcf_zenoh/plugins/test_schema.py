@@ -23,7 +23,7 @@ def test_type_that_is_not_there_at_run_time_is_named(tmp_path: Path) -> None:
         accepted(load("topologies", "./f.py:f", tmp_path))
 
 
-def test_values_become_what_the_signature_says(folder: Path) -> None:
+def test_values_get_the_types_of_the_signature(folder: Path) -> None:
     blimp = load("plants", "./blimp.py:Blimp", folder)
     options = {"mass": 1, "drag": [[1, 2.5], [3, 4]], "box": [1, 2], "sizes": [3], "names": ["a"], "free": {"x": [1]}}
     values, problems = check_options(blimp, options, "plants.blimp")

@@ -134,7 +134,7 @@ def test_one_fault_is_made_as_a_fleet_file_would(tmp_path: Path) -> None:
         (table("./mine.py:wrong"), "a: wrong made a str, not a Fault"),
     ],
 )
-def test_fault_that_cannot_be_made_says_why(tmp_path: Path, fault: FaultTable, text: str) -> None:
+def test_fault_that_cannot_be_made_gives_the_reason(tmp_path: Path, fault: FaultTable, text: str) -> None:
     lossy(tmp_path)
     with pytest.raises(PluginError) as caught:
         fault_of("a", fault, 1, 2, tmp_path)

@@ -29,7 +29,7 @@ ENDS = (
         ("slow={factor=0.5}", "slow.factor: expected a number >= 1 (by which its computation takes longer), not 0.5"),
     ],
 )
-def test_mistake_is_told_in_one_line_with_its_key(tmp_path: Path, change: str, problem: str) -> None:
+def test_mistake_is_reported_in_one_line_with_its_key(tmp_path: Path, change: str, problem: str) -> None:
     assert problems(lossy(tmp_path, ""), f"agents.2.faults.{change}") == [f"agents.2.faults.{problem}"]
 
 

@@ -103,12 +103,12 @@ def test_step_needs_more_rounds_than_the_diameter_of_the_graph(file: Path) -> No
         assert graph_of(fleet).diameter == diameter
 
 
-def test_diameter_of_a_topology_that_was_not_drawn_is_not_asked_for(file: Path) -> None:
+def test_diameter_of_a_topology_that_was_not_drawn_is_not_checked(file: Path) -> None:
     changes = ["topology.kind=./mine.py:spokes", "topology.hub=2", "exchange.max_rounds=1"]
     assert load(file, changes=changes, run_plugins=False).spec.exchange.max_rounds == 1
 
 
-def test_nothing_of_others_runs_unless_told(file: Path) -> None:
+def test_third_party_code_runs_only_on_request(file: Path) -> None:
     (file.parent / "mine.py").write_text("1 / 0\n" + MINE)
     assert "ZeroDivisionError" in problems(file)[0]
     fleet = load(file, run_plugins=False)
@@ -123,7 +123,7 @@ def test_nothing_of_others_runs_unless_told(file: Path) -> None:
     ]
 
 
-def test_topology_of_others_is_not_drawn_unless_told(file: Path) -> None:
+def test_third_party_topology_is_drawn_only_on_request(file: Path) -> None:
     changes = ["topology.kind=./mine.py:spokes", "topology.hub=2"]
     assert problems(file, *changes) == [
         "topology: the graph is not strongly connected: nothing agent 1 sends can reach agent 2"
@@ -131,7 +131,7 @@ def test_topology_of_others_is_not_drawn_unless_told(file: Path) -> None:
     assert load(file, changes=changes, run_plugins=False).spec.topology.options == {"hub": 2}
 
 
-def test_plugins_that_nobody_uses_are_not_run(file: Path) -> None:
+def test_unused_plugins_are_not_run(file: Path) -> None:
     (file.parent / "driver.py").write_text("import no_such_driver\nclass Robot:\n    def __init__(self, *, uri): pass")
     edit(file, "[agents.1]", "[plants.hardware]\nkind = './driver.py:Robot'\n[agents.1]\nplants.hardware.uri = 'radio'")
     edit(file, 'name = "test"', 'name = "test"\nplant = "point_mass"')

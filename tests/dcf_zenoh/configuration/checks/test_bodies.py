@@ -65,7 +65,7 @@ def test_what_moves_in_the_real_world_needs_real_time(rovers: Path) -> None:
     ]
 
 
-def test_two_bodies_cannot_have_what_is_ones_own(rovers: Path) -> None:
+def test_two_bodies_cannot_share_a_value_that_must_be_unique(rovers: Path) -> None:
     found = problems(rovers, "time.clock='wall'", "agents.3.plants.point_mass.port='a'")
     assert found == ["agents.3.plants.point_mass.port: 'a' is taken by agent 1; each needs its own"]
 

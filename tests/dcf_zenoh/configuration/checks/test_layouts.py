@@ -11,7 +11,7 @@ DEADLOCK = "agents: all go straight across one circle"
 
 
 def across(agents: int, radius: float, turn: float) -> list[str]:
-    """Changes of a fleet file: everybody on a circle, bound for the point straight across."""
+    """Changes of a fleet file: all agents on a circle, with targets straight across."""
     angles = [turn + 2 * math.pi * k / agents for k in range(agents)]
     places = [[radius * math.cos(angle), radius * math.sin(angle)] for angle in angles]
     ways = [

@@ -76,7 +76,7 @@ KNOWN = (
         ("faults.a={kind='./mine.py:Told',story='tale.txt'}", "faults.a.story: there is no file "),
     ],
 )
-def test_mistake_is_told_in_one_line_with_its_key(tmp_path: Path, change: str, problem: str) -> None:
+def test_mistake_is_reported_in_one_line_with_its_key(tmp_path: Path, change: str, problem: str) -> None:
     if not problem:
         assert load(lossy(tmp_path), changes=[change]).spec.faults.rule[0].faults == {"bursts": False}
         return
@@ -84,7 +84,7 @@ def test_mistake_is_told_in_one_line_with_its_key(tmp_path: Path, change: str, p
     assert found.startswith(problem)
 
 
-def test_command_line_tells_the_file_and_the_key(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_command_line_names_the_file_and_the_key(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = lossy(tmp_path)
     assert main(["check", str(path), "--set", "faults.loss.probability=1.3"]) != 0
     text = f"{path}: faults.loss.probability: must be a probability, from 0 to 1, not 1.3"
@@ -98,7 +98,7 @@ def test_plugins_of_faults_are_listed(capsys: pytest.CaptureFixture[str]) -> Non
     assert "\n    probability: number, required\n" in text
 
 
-def test_faults_of_others_are_not_constructed_unless_told(tmp_path: Path) -> None:
+def test_third_party_faults_are_constructed_only_on_request(tmp_path: Path) -> None:
     path = lossy(tmp_path, "[faults]\na = { kind = './mine.py:Dull', often = 99 }\nloss = 1.3")
     assert problems(path, run_plugins=False) == ["faults.loss.probability: must be a probability, from 0 to 1, not 1.3"]
 

@@ -148,14 +148,14 @@ def test_one_s_own_algorithms_are_restricted_by_what_they_say_alone(squares: Pat
     )
 
 
-def test_one_s_own_problems_are_told_by_their_methods(squares: Path) -> None:
+def test_third_party_problems_are_recognised_by_their_methods(squares: Path) -> None:
     (squares.parent / "mine.py").write_text(MINE)
     (text,) = problems(squares, f"problem.kind={squares.parent}/mine.py:Odd", *CENTRES)
     assert text.startswith("algorithm.kind: extra solves a consensus problem, and ")
     assert text.endswith("mine.py:Odd has no argmin, cost, gradient")
 
 
-def test_nothing_of_others_runs_where_it_must_not(squares: Path) -> None:
+def test_third_party_code_does_not_run_where_it_must_not(squares: Path) -> None:
     (squares.parent / "mine.py").write_text(MINE)
     load(squares, changes=[f"problem.kind={squares.parent}/mine.py:Odd", *CENTRES], run_plugins=False)
     load(squares, changes=[f"algorithm.kind={squares.parent}/mine.py:choosy"], run_plugins=False)

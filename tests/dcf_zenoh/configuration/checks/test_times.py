@@ -81,7 +81,7 @@ def test_times_beyond_all_reason_are_refused(file: Path, key: str) -> None:
     assert f"{key}: expected at most 1e+08 s, not 1e+09" in problems(file, f"{key}=1e9")
 
 
-def test_agent_follows_the_fleet_where_it_says_nothing(file: Path) -> None:
+def test_agent_without_own_activations_follows_the_fleet(file: Path) -> None:
     changes = [ASYNCHRONOUS, "exchange.jitter=0.001", "agents.2.exchange.period=0.01", "agents.3.exchange.jitter=0"]
     spec = load(file, changes=changes).spec
     activations = [(spec.activation(i).period, spec.activation(i).jitter) for i in spec.ids]

@@ -1,4 +1,4 @@
-"""What only a plug-in can tell of its values is told when a fleet is loaded."""
+"""Errors that only a plug-in can find in its values are reported when a fleet is loaded."""
 
 from pathlib import Path
 
@@ -54,7 +54,7 @@ def test_what_built_in_kinds_refuse_is_one_line(change: str, said: str, run_plug
 def test_problem_of_one_agent_does_not_hide_that_of_another_table() -> None:
     assert found("plants.twin.mass=1.0", "problem.prediction.horizon=0", "plants.point.accel_max=0.0") == [
         "problem.prediction: horizon must be positive, not 0",
-        f"plants.twin: Crazyflie {REFUSED} {HEAVY} 1.0",  # nobody flies the other plant
+        f"plants.twin: Crazyflie {REFUSED} {HEAVY} 1.0",  # no agent has the other plant
     ]
 
 
@@ -80,7 +80,7 @@ def test_all_agents_decide_on_as_many_components(fleet: str, changes: list[str],
     assert found(*changes, source=fleet) == said
 
 
-def test_what_has_a_problem_already_is_not_told_twice() -> None:
+def test_error_is_reported_once() -> None:
     assert [each.partition(":")[0] for each in found("plants.twin.mass=heavy", "agents.1.start=[1.0, 0.0]")] == [
         "agents.3.start",
         "plants.twin.mass",
@@ -111,11 +111,11 @@ def descend(problem, me, *, step: float = 0.05, relax: float = 1.0):
 """
 
 
-def test_a_problem_of_ones_own_can_look_at_all_starts(file: Path) -> None:
+def test_third_party_problem_can_check_all_starts(file: Path) -> None:
     (file.parent / "mine.py").write_text(OWN)
     edit(file, "start = [1.0, 0.0]", "start = [1.5, 0.0]")
     assert found("agents.1.problem.radius=1.2", source=file) == ["agents.3.start: expected within 1.2 m"]
-    load(file, run_plugins=False)  # which runs no code of others
+    load(file, run_plugins=False)  # which runs no third-party code
 
 
 @pytest.mark.parametrize("key", ["plant", "agents.2.plant"])

@@ -66,14 +66,14 @@ def test_only_what_toml_can_say_and_the_plugin_accepts_is_filled_in(file: Path) 
     assert load(file.parent / "again.toml").spec == spec
 
 
-def test_tables_that_nobody_uses_stay_as_they_are(file: Path) -> None:
+def test_unused_tables_stay_as_they_are(file: Path) -> None:
     spec = load(file).spec
     assert spec.algorithm.options == {"step": 0.1, "relax": 1.0}
     assert spec.algorithms["fine"].options == {"relax": 0.5}
 
 
 @pytest.mark.parametrize("run", [True, False])
-def test_plugins_of_others_are_not_run_for_their_defaults_unless_told(file: Path, run: bool) -> None:
+def test_third_party_plugins_are_run_for_their_defaults_only_on_request(file: Path, run: bool) -> None:
     spec = load(file, run_plugins=run).spec
     assert ("sides" in spec.problem.options) is run
     assert spec.topology.options == {"directed": False}  # built in

@@ -93,7 +93,7 @@ def test_change_inside_a_value_is_refused(file: Path) -> None:
     ]
 
 
-def test_another_kind_drops_the_keys_of_the_old_one_and_says_so(file: Path) -> None:
+def test_another_kind_drops_the_keys_of_the_old_one_with_a_note(file: Path) -> None:
     edit(file, 'kind = "ring"', 'kind = "grid"\nrows = 1\ncolumns = 3\nweights = "uniform"')
     fleet = load(file, Overrides(topology="ring"))
     assert fleet.spec.topology.options == {"directed": False}

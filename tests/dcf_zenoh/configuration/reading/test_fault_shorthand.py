@@ -44,14 +44,14 @@ def test_bare_value_is_the_first_key_and_the_name_is_the_kind(tmp_path: Path, te
     assert found == Faults.model_validate({"loss": table("loss", probability=0.2)})
 
 
-def test_bare_value_is_that_of_a_kind_of_ones_own_too(tmp_path: Path) -> None:
+def test_bare_value_is_the_first_key_of_a_third_party_kind_too(tmp_path: Path) -> None:
     text = "[faults]\na = { kind = './mine.py:Dull', value = 3 }\n[[faults.rule]]\nto = 1\na = 4"
     found = faults(tmp_path, text)
     assert found.everywhere == {"a": table("./mine.py:Dull", often=3)}
     assert found.rule[0].faults == {"a": table("./mine.py:Dull", often=4)}  # the kind of [faults.a]
 
 
-def test_bare_value_is_spelled_out_without_running_anything_of_others(tmp_path: Path) -> None:
+def test_bare_value_is_spelled_out_without_running_third_party_code(tmp_path: Path) -> None:
     path = lossy(tmp_path, "[faults]\na = { kind = './mine.py:Dull', value = 3 }\nloss = 0.1")
     with (tmp_path / "mine.py").open("a") as file:
         file.write("\n1 / 0")
@@ -91,7 +91,7 @@ def test_fault_is_set_from_outside(tmp_path: Path, changes: list[str], probabili
         assert faults(tmp_path, text, *changes).everywhere == {"loss": table("loss", probability=probability)}
 
 
-def test_other_kind_drops_the_keys_of_the_old_one_and_says_so(tmp_path: Path) -> None:
+def test_other_kind_drops_the_keys_of_the_old_one_with_a_note(tmp_path: Path) -> None:
     text = "[faults]\nloss = 0.1\n[[faults.rule]]\nto = 1\nloss = 0.2"
     keys = ["kind=bursts", "mean_loss=0.1", "mean_length=2"]
     changes = [f"{key}.loss.{each}" for key in ("faults", "faults.rule.1") for each in keys]
