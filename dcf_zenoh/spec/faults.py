@@ -11,7 +11,7 @@ class FaultTable(Kind):
     """One fault: `kind` and its keys."""
 
 
-Switch = FaultTable | Literal[False]
+Switch = FaultTable | Literal[False]  # False switches a fault off
 Ids = AgentId | tuple[AgentId, ...]
 
 

@@ -1,30 +1,18 @@
 """A fleet file between text and specification: read, changed from outside, completed; not yet checked."""
 
-import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
 from dcf_zenoh.configuration.reading.fault_shorthand import FaultShorthand, is_fault, list_rules, number_rules
+from dcf_zenoh.configuration.reading.fleet_file import find, parse
 from dcf_zenoh.configuration.reading.overrides import Overrides, path_of, value_of, with_plain_id
 from dcf_zenoh.diagnostics import Diagnostics, listed, nearest, show
-from dcf_zenoh.errors import ConfigurationError
 from dcf_zenoh.plugins import known, split
 from dcf_zenoh.spec import Topology, default_controller
 
 _DEFAULT_TOPOLOGY = Topology().kind
-
-
-def built_in() -> dict[str, Path]:
-    """Return the fleet files that come with agentd, by name."""
-    try:
-        folder = resources.files("agentd.fleets")
-    except ModuleNotFoundError:
-        return {}
-    paths = sorted(Path(str(each)) for each in folder.iterdir())
-    return {path.stem: path for path in paths if path.suffix == ".toml"}
 
 
 def read(source: str | Path, *, run_plugins: bool = True) -> "Draft":
@@ -37,24 +25,8 @@ def read(source: str | Path, *, run_plugins: bool = True) -> "Draft":
     Raises:
         ConfigurationError: The file does not exist, cannot be read, or is not TOML.
     """
-    path, names = Path(source), built_in()
-    if str(source) in names:
-        path = names[str(source)]
-    elif not path.is_file():
-        if path.suffix or len(path.parts) > 1:
-            raise ConfigurationError("there is no such file", str(source))
-        raise ConfigurationError(
-            f"no file and no built-in fleet of this name{nearest(str(source), names)} built in: {listed(names)}",
-            str(source),
-        )
-    try:
-        table = tomllib.loads(path.read_bytes().decode())
-    except tomllib.TOMLDecodeError as error:
-        raise ConfigurationError(f"not TOML: {error}", str(path)) from error
-    except UnicodeDecodeError as error:
-        raise ConfigurationError(f"not TOML, which is UTF-8: {error}", str(path)) from error
-    except OSError as error:
-        raise ConfigurationError(f"cannot be read: {error.strerror}", str(path)) from error
+    path = find(source)
+    table = parse(path)
     draft = Draft(table, path.absolute().parent, str(path), run_plugins)
     draft.check_ids()
     number_rules(table, draft.diagnostics)

@@ -58,6 +58,11 @@ def test_earlier_key_is_refused_with_its_present_path(gliders: Path) -> None:
     assert refused(gliders, limits=2.0) == [text]
 
 
+def test_complete_values_have_the_objects_of_all_tables(gliders: Path) -> None:
+    values = accepted(load("problems", "./glider.py:Glide", gliders)).complete({"limits": {"low": 2}})
+    assert (values["limits"].low, values["weights"].input, values["noise"]) == (2.0, 0.5, None)
+
+
 def test_optional_table_is_made_only_if_it_is_given(gliders: Path) -> None:
     assert made(gliders).noise is None
     assert made(gliders, noise={}).noise.seed == 3
