@@ -1,4 +1,4 @@
-"""Where two runs part, and how far they part."""
+"""Comparison of two runs: the first difference, and the largest ones."""
 
 import math
 from collections import Counter
@@ -14,20 +14,20 @@ from dcf_zenoh.records.run import Run
 from dcf_zenoh.rounds.dialogue import RoundRecord
 
 STEPS = "number of steps"
-MESSAGE = "message from"  # and whose it is
+MESSAGE = "message from"  # followed by the id of the sender
 
 
 class Deviation(NamedTuple):
-    """How far one quantity of one agent differs at one place.
+    """Difference of one quantity of one agent in one step or round.
 
     Attributes:
-        quantity: 'number of steps', 'state', 'rounds', 'decision', 'setpoint', 'residual', 'message from' whom, or a
-            name that a round's log has.
+        quantity: 'number of steps', 'state', 'rounds', 'decision', 'setpoint', 'residual', 'message from' an id, or a
+            name in the log of a round.
         size: Largest absolute difference of an entry; infinite where one run has a number and the other has none. Of a
-            message: difference of the delays, in s; infinite where it was lost, or came again, in one run only.
-        agent: Id.
+            message: difference of the delays, in s; infinite where it was lost, or doubled, in one run only.
+        agent: Id of the agent.
         step: Control step k.
-        round: Round p; None for what belongs to the step as a whole.
+        round: Round p; None for a quantity of the step as a whole.
     """
 
     quantity: str
@@ -39,14 +39,14 @@ class Deviation(NamedTuple):
 
 @dataclass(frozen=True)
 class Comparison:
-    """What came of comparing two runs.
+    """Result of the comparison of two runs.
 
     Attributes:
-        remark: That the fleets are different ones; empty if they are not.
-        comparable: Whether both runs have the same agents. Nothing else is compared if they have not.
-        first: The first deviation above the tolerance, by step, then in order of time, then agent; None: there is none.
-        largest: Quantity -> its largest deviation, of those that deviate at all; largest first.
-        tolerance: Deviations up to this do not count.
+        remark: Remark that the fleets are different; empty if they are not.
+        comparable: Whether both runs have the same agents. If not, nothing else is compared.
+        first: First deviation above the tolerance, by step, then in order of time, then agent; None: there is none.
+        largest: Quantity -> largest deviation, of the quantities that deviate at all; largest first.
+        tolerance: Largest deviation that does not count.
         sample_time: t_s, s.
     """
 
@@ -80,17 +80,16 @@ class Comparison:
 
 
 def compare(a: Run, b: Run, *, tolerance: float = 0.0) -> Comparison:
-    """Compare what the agents of two runs did; when they did it does not matter on the wall clock.
+    """Compare the logs of two runs, without times on the wall clock.
 
-    Of each step are compared: the state; round by round what was sent, the residual and what was noted, if both runs
-    have logged it; the number of rounds, the last residual, the decision and the setpoint. Of two runs in virtual time
-    also what links did to the messages of the step: which were lost, and by how much others were delayed. Values that
-    are not numbers are equal to one another.
+    Of each step, these are compared: the state; if both runs have logged rounds, payload, residual and notes of each;
+    the number of rounds, the last residual, the decision and the setpoint. Of two runs in virtual time, also the
+    effects of links on the messages of the step: losses and delays. Two NaN are equal.
 
     Args:
         a: One run.
         b: The other.
-        tolerance: Deviations up to this do not count.
+        tolerance: Largest deviation that does not count.
     """
     fleets = [f"{run.fleet.name} (agents {_listed(run)})" for run in (a, b)]
     if set(a.agents) != set(b.agents):
@@ -116,17 +115,17 @@ def compare(a: Run, b: Run, *, tolerance: float = 0.0) -> Comparison:
 
 
 def _deviations(a: Run, b: Run) -> Iterator[Deviation]:
-    """All that differs at all, in order of time: whoever differs first is likelier the cause than the lowest id."""
+    """Yield all deviations in order of time, because the first one in time is likelier the cause than the lowest id."""
     pairs = {agent: (a.agents[agent], b.agents[agent]) for agent in sorted(a.agents)}
     modelled = a.fleet.time.clock == b.fleet.time.clock == "virtual"
-    fates = {agent: tuple(_fates(log) if modelled else {} for log in pair) for agent, pair in pairs.items()}
+    effects = {agent: tuple(_link_effects(log) if modelled else {} for log in pair) for agent, pair in pairs.items()}
     for row in range(max(len(log.step) for pair in pairs.values() for log in pair)):
         found: list[Deviation] = []
         for agent, (one, other) in pairs.items():
             shorter, longer = sorted((len(one.step), len(other.step)))
             if row < shorter:
                 found += _step_deviations(agent, row, one, other)
-                found += _message_deviations(agent, int(one.step[row]), *fates[agent])
+                found += _message_deviations(agent, int(one.step[row]), *effects[agent])
             elif row == shorter < longer:
                 step = int(max(one.step, other.step, key=len)[row])
                 found.append(Deviation(STEPS, float(longer - shorter), agent, step))
@@ -134,7 +133,7 @@ def _deviations(a: Run, b: Run) -> Iterator[Deviation]:
 
 
 def _moment(deviation: Deviation) -> float:
-    """When in its step something happens: the state first, then the rounds, then what came of them."""
+    """Return a key for the order within a step: the state first, then the rounds, then their results."""
     if deviation.quantity == "state":
         return -1.0
     if deviation.round is not None and deviation.quantity.startswith(MESSAGE):
@@ -147,56 +146,58 @@ def _step_deviations(agent: int, row: int, one: AgentLog, other: AgentLog) -> It
     pairs: list[tuple[str, Any, Any, int | None]] = [("state", one.state[row], other.state[row], None)]
     records = zip(one.rounds_log[row], other.rounds_log[row], strict=False)
     for round, (record, record_other) in enumerate(records):
-        mine, yours = RoundRecord(*record), RoundRecord(*record_other)
-        if mine._replace(received_at={}) != yours._replace(received_at={}):
-            pairs += [(name, *values, round) for name, values in _round_quantities(mine, yours)]
+        record_a, record_b = RoundRecord(*record), RoundRecord(*record_other)
+        if record_a._replace(received_at={}) != record_b._replace(received_at={}):
+            pairs += [(name, *values, round) for name, values in _round_quantities(record_a, record_b)]
     for name in ("rounds", "residual", "decision", "setpoint"):
         pairs.append((name, getattr(one, name)[row], getattr(other, name)[row], None))
-    for name, mine_value, yours_value, place in pairs:
-        size = _difference(mine_value, yours_value)
+    for name, value, value_other, place in pairs:
+        size = _difference(value, value_other)
         if size > 0:
             yield Deviation(name, size, agent, step, place)
 
 
-class _Fate(NamedTuple):
-    """What a link did to one message, or to a copy: how long it took, in ns, or that it is not there."""
+class _LinkEffect(NamedTuple):
+    """Effect of a link on one message, or on a copy of it: delay in ns, or loss."""
 
     delay: int
     lost: bool
 
 
-_Fates = dict[int, dict[tuple[int, int, int, int], _Fate]]  # step -> round, sender, sequence, which copy -> fate
+_LinkEffects = dict[
+    int, dict[tuple[int, int, int, int], _LinkEffect]
+]  # step -> round, sender, sequence, copy -> effect
 
 
-def _fates(log: AgentLog) -> _Fates:
-    """The messages that were lost or delayed, or came again; all others came at once."""
-    found: _Fates = {}
+def _link_effects(log: AgentLog) -> _LinkEffects:
+    """Return the effects on messages that were lost, delayed or doubled; all others came at once."""
+    found: _LinkEffects = {}
     copies: Counter[tuple[int, int, int]] = Counter()
     for each in log.passed:
         place = (each.sender, each.sequence, each.entered)
-        fate = _Fate(0 if each.lost_by else each.due - each.entered, bool(each.lost_by))
-        if fate != _AT_ONCE or copies[place]:
-            found.setdefault(each.step, {})[each.round, each.sender, each.sequence, copies[place]] = fate
+        effect = _LinkEffect(0 if each.lost_by else each.due - each.entered, bool(each.lost_by))
+        if effect != _AT_ONCE or copies[place]:
+            found.setdefault(each.step, {})[each.round, each.sender, each.sequence, copies[place]] = effect
         copies[place] += 1
     return found
 
 
-_AT_ONCE = _Fate(0, lost=False)
+_AT_ONCE = _LinkEffect(0, lost=False)
 
 
-def _message_deviations(agent: int, step: int, one: _Fates, other: _Fates) -> Iterator[Deviation]:
-    mine, yours = one.get(step, {}), other.get(step, {})
-    for key in sorted(mine.keys() | yours.keys()):
+def _message_deviations(agent: int, step: int, one: _LinkEffects, other: _LinkEffects) -> Iterator[Deviation]:
+    here, there = one.get(step, {}), other.get(step, {})
+    for key in sorted(here.keys() | there.keys()):
         round, sender, _, copy = key
-        missing = _Fate(0, lost=True) if copy else _AT_ONCE
-        x, y = mine.get(key, missing), yours.get(key, missing)
+        missing = _LinkEffect(0, lost=True) if copy else _AT_ONCE
+        x, y = here.get(key, missing), there.get(key, missing)
         if x != y:
             size = abs(x.delay - y.delay) * 1e-9 if x.lost == y.lost else math.inf
             yield Deviation(f"{MESSAGE} {sender}", size, agent, step, round)
 
 
 def _round_quantities(one: RoundRecord, other: RoundRecord) -> Iterator[tuple[str, tuple[Any, Any]]]:
-    """Payload, residual and notes of a round, by name, from both runs; None for what one of them lacks."""
+    """Yield payload, residual and notes of a round, by name, from both runs; None where one of them has none."""
     yield from _joined(_flat(one.payload), _flat(other.payload))
     yield "residual", (one.residual, other.residual)
     yield from _joined(_flat(one.noted), _flat(other.noted))
@@ -208,7 +209,7 @@ def _joined(one: Mapping[str, Any], other: Mapping[str, Any]) -> Iterator[tuple[
 
 
 def _flat(values: Mapping[Any, Any]) -> dict[str, Any]:
-    """Values by name; those to single neighbours as ``x to 2``."""
+    """Return values by name; those for single neighbours as ``x to 2``."""
     flat: dict[str, Any] = {}
     for key, value in values.items():
         inner = {f"{name} to {key}": each for name, each in value.items()} if isinstance(value, Mapping) else None
@@ -217,21 +218,21 @@ def _flat(values: Mapping[Any, Any]) -> dict[str, Any]:
 
 
 def _difference(one: Any, other: Any) -> float:
-    """Largest absolute difference; infinite where sizes differ, or one is a number where the other is not."""
+    """Return the largest absolute difference; infinite where sizes differ, or only one is a number."""
     if one is None or other is None:
         return 0.0 if one is other else math.inf
     x, y = _numbers(one), _numbers(other)
     if x.shape != y.shape:
         return math.inf
-    unlike = ~((x == y) | (np.isnan(x) & np.isnan(y)))
-    if not unlike.any():
+    differs = ~((x == y) | (np.isnan(x) & np.isnan(y)))
+    if not differs.any():
         return 0.0
-    apart = np.abs(x[unlike] - y[unlike])
+    apart = np.abs(x[differs] - y[differs])
     return math.inf if np.isnan(apart).any() else float(apart.max())
 
 
 def _numbers(value: Any) -> npt.NDArray[np.float64]:
-    """As an array of numbers; what is none becomes one number, the same for the same text."""
+    """Return an array of numbers; other values become the bytes of their text, which are equal for equal values."""
     try:
         return np.asarray(value, dtype=np.float64)
     except (TypeError, ValueError):

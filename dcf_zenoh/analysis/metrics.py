@@ -1,4 +1,4 @@
-"""How well a fleet flew, in single numbers: what `Run` does not tell by itself."""
+"""Measures of a run in single numbers, in addition to those of `Run`."""
 
 from itertools import groupby
 from typing import NamedTuple
@@ -14,11 +14,11 @@ WHOLE_STEP = 1.5  # sample times; samples further apart than this have a gap bet
 
 
 class Intrusions(NamedTuple):
-    """When some agent was in the safety region of another.
+    """Times in which an agent was in the safety region of another.
 
     Attributes:
-        number: Of intervals.
-        time: Their length together, s.
+        number: Number of intervals.
+        time: Total length, s.
     """
 
     number: int
@@ -26,10 +26,10 @@ class Intrusions(NamedTuple):
 
 
 def overshoot(run: Run) -> float | None:
-    """How far the agents went beyond their targets, m: the greatest of all agents, at the samples; 0 if none did.
+    """Return the largest distance by which an agent went beyond its target, m, at the samples; 0 if none did.
 
-    Beyond means along the straight line from start to target, so a detour to the side is none. Agents whose start is
-    their target are left out. None: there is no other, or it did not record a step.
+    It is measured along the straight line from start to target, so a detour to the side does not count. Agents whose
+    start is their target are left out. None if there is no other agent with a recorded step.
     """
     found = []
     for agent, target in run.targets.items():
@@ -43,10 +43,10 @@ def overshoot(run: Run) -> float | None:
 
 
 def intrusions(run: Run) -> Intrusions | None:
-    """The intervals in which the least barrier value h of all pairs was negative; None without safety regions.
+    """Return the intervals in which the least barrier value h of all pairs was negative; None without safety regions.
 
-    An interval begins at a sample with h < 0 and ends at the first one after it that is not. What happens in between
-    is not known: one that is shorter than a sample time may be missed, and counts as long as one if it is not.
+    An interval begins at a sample with h < 0 and ends at the next one with h >= 0. Between samples nothing is known: an
+    interval shorter than a sample time may be missed, and otherwise counts as one sample time.
     """
     if not run.barriers.size:
         return None
@@ -56,16 +56,16 @@ def intrusions(run: Run) -> Intrusions | None:
 
 
 def tracking_error(run: Run) -> float | None:
-    """RMS distance of the bodies from where their plans said that they would be, over all agents and steps, m.
+    """Return the RMS distance of the bodies from their planned positions, over all agents and steps, m.
 
-    The setpoint of step k has a position: where the plan's first stage ends, one sample time after the setpoint is
-    meant to act, which is t_k, or with `predict_delay` that much later. The body's position at that instant is the
-    measured one; where the instant is not that of a sample, a cubic through the positions and velocities of the two
-    samples around it tells. If an agent flies the next stage of an earlier plan, then that stage counts. Left out are
-    steps in which it was told to hold, and instants after its last sample or in a gap of its log.
+    The setpoint of step k has the position at the end of the plan's first stage, one sample time after the setpoint is
+    due to act: at t_k, or later by `predict_delay`. The body's position at that instant is the measured one; between
+    samples it is interpolated by a cubic through positions and velocities of the two samples around it. If an agent
+    flies the next stage of an earlier plan, that stage counts. Steps in which the agent holds are left out, and
+    instants after its last sample or in a gap of its log.
 
-    So this is the error of the model in the plan, of the body, of its sensors and of setpoints that act late, all
-    together; and it says nothing of whether the plan was a good one. None: there is nothing to compare.
+    The error has the parts of the model, the body, its sensors and late setpoints. It does not judge the plan. None if
+    there is nothing to compare.
     """
     errors = [_errors(run, log) for log in run.agents.values()]
     every = np.concatenate([each for each in errors if each is not None] or [np.empty(0)])
@@ -73,7 +73,7 @@ def tracking_error(run: Run) -> float | None:
 
 
 def _errors(run: Run, log: AgentLog) -> Array | None:
-    """Distance from the planned position, m, of each step that can be compared."""
+    """Return the distance from the planned position, m, of each step that can be compared."""
     dimensions, width = log.state.shape[1] // 2, log.setpoint.shape[1]
     if width not in (6, 9) or not dimensions or len(log.step) < 2:
         return None

@@ -1,4 +1,4 @@
-"""Control steps of a run once more, as they would have been with a perfect network and nobody absent."""
+"""Control steps of a run computed again, with a perfect network and all agents present."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -20,20 +20,20 @@ from dcf_zenoh.simulation import run_agents
 from dcf_zenoh.spec import AgentFaults, Faults, FleetSpec, Kind, Rounds, nanoseconds
 
 ROUNDS = 2000  # at most
-_CLOSER = 0.01  # of the fleet's threshold: what the agents would have agreed on, not how near they came to it
+_CLOSER = 0.01  # factor on the fleet's threshold: the replay compares with the agreement, not with an approximation
 
 
 @dataclass(frozen=True)
 class Replay:
-    """What came of it.
+    """Result of a replay.
 
     Attributes:
-        first: The first control step that was replayed.
-        end: The step before which it ended.
+        first: First control step that was replayed.
+        end: Step before which the replay ended.
         states: Agent -> position and velocity at `end`, shape (2 d,), m and m/s.
-        rounds: Communication rounds of the step that took most.
-        agreed: The fleet agreed in every step that it had converged.
-        free: Agents whose plant could not go on from a recorded state; free bodies stood in for them.
+        rounds: Largest number of communication rounds in a step.
+        agreed: Whether the fleet agreed in every step that it had converged.
+        free: Agents whose plant could not continue from a recorded state; a `FreeBody` replaced it.
     """
 
     first: int
@@ -47,20 +47,20 @@ class Replay:
 def replay(run: Run, first: int, end: int) -> Replay:
     """Compute steps `first` to `end` - 1 of `run` again, from the states that were recorded at the first one.
 
-    All agents take part, no message is lost or late, and there are as many rounds as it takes. Setpoints act as long
-    after the measurement as they did in the run, so what differs is the decisions. What the agents remembered of
-    earlier steps is not known; so they compute the step before `first` too, but what comes of it does not fly.
+    All agents take part, no message is lost or late, and there are as many rounds as the agreement takes. Setpoints act
+    as long after the measurement as they did in the run, so only the decisions differ. The memory of the agents from
+    earlier steps is not in the logs; so they compute the step before `first` too, without effect on the bodies.
 
-    Nothing but simulated plants is moved: those that can go on from a state, and they are not asked to prepare, which
-    is where others would connect.
+    Only simulated plants that can continue from a state are used. They are not prepared, so no plant connects to
+    hardware.
 
     Args:
-        run: Fleet file and plug-ins are taken from its directory.
-        first: A step that the run has.
-        end: A later one, or the one after its last.
+        run: The run; fleet file and plug-ins are taken from its directory.
+        first: A step of the run.
+        end: A later step, or the one after its last.
 
     Raises:
-        DcfError: The fleet file or a plug-in cannot be loaded, or something stopped an agent.
+        DcfError: The fleet file or a plug-in cannot be loaded, or an agent fails.
     """
     fleet = LoadedFleet(run.fleet, run.home, run.name) if run.folder is None else load(run.folder / "fleet.toml")
     free = tuple(i for i in fleet.spec.ids if not _resumable(fleet, i))
@@ -85,20 +85,46 @@ def replay(run: Run, first: int, end: int) -> Replay:
     )
 
 
-class Resumed(Plant):
-    """A body that goes on from a recorded state, and whose setpoints act as late as those of a run did.
+@dataclass(frozen=True)
+class BodyOptions:
+    """Plant that a replay moves.
+
+    Attributes:
+        kind: Kind of the plant.
+        folder: Folder that paths are relative to.
+        options: Keys of the plant.
+    """
+
+    kind: str
+    folder: str
+    options: dict[str, Any]
+
+
+@dataclass(frozen=True)
+class RecordedMotion:
+    """Motion of an agent before a replay, and the delays of its setpoints.
+
+    Attributes:
+        states: Position and velocity at each step before the body moves, and at the first one in which it does, m, m/s.
+        flown: Position, velocity and acceleration (empty: at rest) of the setpoint that acts then; empty if none does.
+        delays: Time from the measurement until the setpoint acts, of each step from then on, ns.
+    """
+
+    states: tuple[tuple[float, ...], ...]
+    flown: tuple[tuple[float, ...], ...]
+    delays: tuple[int, ...]
+
+
+class ResumedPlant(Plant):
+    """A plant that continues from a recorded state, with the recorded delays of setpoints.
 
     Args:
-        agent: Id.
-        start: Position, shape (d,), m; handed on.
-        sample_time: t_s, s; handed on.
-        rng: Handed on.
-        body: Kind of the plant.
-        options: Its keys.
-        folder: What paths are relative to.
-        states: Position and velocity in the steps up to the one from which on the body moves, m and m/s.
-        flown: Position, velocity and acceleration (none: at rest) of the setpoint that acts then; empty if none does.
-        delays: Of each step from then on, time from its beginning until its setpoint acts, ns.
+        agent: Id of the agent.
+        start: Position, shape (d,), m; passed on to the body.
+        sample_time: t_s, s; passed on to the body.
+        rng: Passed on to the body.
+        body: The body.
+        recorded: Motion and delays of the run.
     """
 
     def __init__(
@@ -108,24 +134,21 @@ class Resumed(Plant):
         sample_time: float,
         rng: np.random.Generator,
         *,
-        body: str,
-        options: dict[str, Any],
-        folder: str,
-        states: tuple[tuple[float, ...], ...],
-        flown: tuple[tuple[float, ...], ...],
-        delays: tuple[int, ...],
+        body: BodyOptions,
+        recorded: RecordedMotion,
     ) -> None:
         known = {"agent": agent, "start": start, "sample_time": sample_time, "rng": rng}
-        self._body: Plant = create(load_plugin("plants", body, Path(folder)), known, options, f"agents.{agent}: plant")
-        self._before = [State(*map(read_only, np.split(np.array(state), 2))) for state in states]
-        self._begin = (len(states) - 1) * nanoseconds(sample_time)
-        self._flown = [read_only(each) for each in flown]
-        self._delays = list(delays)
+        plugin = load_plugin("plants", body.kind, Path(body.folder))
+        self._body: Plant = create(plugin, known, body.options, f"agents.{agent}: plant")
+        self._before = [State(*map(read_only, np.split(np.array(state), 2))) for state in recorded.states]
+        self._begin = (len(recorded.states) - 1) * nanoseconds(sample_time)
+        self._flown = [read_only(each) for each in recorded.flown]
+        self._delays = list(recorded.delays)
         self._pending: list[tuple[int, Setpoint]] = []
         self._sensed = 0
 
     def sense(self, now: int) -> State:
-        """What was recorded, and from some step on what comes of it."""
+        """Return the recorded state, and from the first replayed step on that of the body."""
         self._sensed = now
         if now < self._begin:
             return self._before.pop(0)
@@ -140,15 +163,15 @@ class Resumed(Plant):
         return self._body.sense(now)
 
     def act(self, setpoint: Setpoint, now: int) -> None:
-        """Let it act later, or not at all."""
+        """Keep the setpoint until its recorded delay is over; before the first replayed step discard it."""
         if now >= self._begin:
             self._pending.append((max(now, self._sensed + self._delays.pop(0)), setpoint))
 
 
 class FreeBody(Plant):
-    """A point without bounds or drag: whatever acceleration it is told, it has.
+    """A point without bounds or drag that has the acceleration of its setpoint.
 
-    It stands in for bodies that cannot be put into a recorded state, real ones above all.
+    It replaces bodies that cannot be put into a recorded state, such as real ones.
 
     Args:
         start: Position, shape (d,), m.
@@ -160,12 +183,12 @@ class FreeBody(Plant):
         self._now = 0
 
     def resume(self, state: State, now: int) -> None:
-        """Go on from `state`."""
+        """Continue from `state`."""
         self._state, self._now = state, now
         self._acceleration = np.zeros_like(state.position)
 
     def sense(self, now: int) -> State:
-        """The exact solution under constant acceleration."""
+        """Return the state, by the exact solution under constant acceleration."""
         duration = (now - self._now) * 1e-9
         change = self._acceleration * duration
         position = self._state.position + (self._state.velocity + change / 2) * duration
@@ -173,7 +196,7 @@ class FreeBody(Plant):
         return self._state
 
     def act(self, setpoint: Setpoint, now: int) -> None:
-        """Accelerate as told, in as many dimensions as the setpoint has; without acceleration, rest at once."""
+        """Take over the acceleration, in as many dimensions as the setpoint has; without one, come to rest at once."""
         state = self.sense(now)
         self._acceleration = np.zeros_like(state.position)
         if setpoint.acceleration is None:
@@ -183,37 +206,41 @@ class FreeBody(Plant):
 
 
 def _resumable(fleet: LoadedFleet, agent: int) -> bool:
-    """Whether the agent's plant can be put into a state; one without a `resume` of its own cannot, hardware say."""
+    """Return whether the agent's plant can continue from a state: whether it overrides `resume`."""
     kind = fleet.spec.agent(agent).plant
     plugin = None if kind is None else load_plugin("plants", kind.kind, fleet.folder)
     return kind is None or getattr(plugin, "resume", Plant.resume) is not Plant.resume
 
 
 def _body(run: Run, fleet: LoadedFleet, agent: int, steps: range, first: int, *, free: bool) -> Kind:
-    """The plant of an agent for a replay of `steps`, which moves from `first` on."""
+    """Return the plant of an agent for a replay of `steps`; it moves from step `first` on."""
     own, log = fleet.spec.agent(agent), run.agents.get(agent)
     assert own.plant is not None
     states, flown = [[*own.start, *[0.0] * len(own.start)]] * (first - steps.start + 1), []
-    if log is not None and len(log.step):  # else it never flew
+    if log is not None and len(log.step):  # else it stayed at its start
         rows = log.rows(steps.stop)
         states = log.state[rows[steps.start : first + 1]].tolist()
         if first:
             flown = [part[np.isfinite(part)].tolist() for part in np.split(log.setpoint[rows[first - 1]], 3)]
     return Kind.model_validate(
         {
-            "kind": "dcf_zenoh.analysis.replay:Resumed",
-            "body": "dcf_zenoh.analysis.replay:FreeBody" if free else own.plant.kind,
-            "options": {} if free else own.plant.options,
-            "folder": str(fleet.folder.resolve()),
-            "states": states,
-            "flown": flown,
-            "delays": [_delay(run, agent, step) for step in range(first, steps.stop)],
+            "kind": "dcf_zenoh.analysis.replay:ResumedPlant",
+            "body": {
+                "kind": "dcf_zenoh.analysis.replay:FreeBody" if free else own.plant.kind,
+                "folder": str(fleet.folder.resolve()),
+                "options": {} if free else own.plant.options,
+            },
+            "recorded": {
+                "states": states,
+                "flown": flown,
+                "delays": [_delay(run, agent, step) for step in range(first, steps.stop)],
+            },
         }
     )
 
 
 def _delay(run: Run, agent: int, step: int) -> int:
-    """How long after the measurement a setpoint acted, ns; of whoever took no part, as long as others' did."""
+    """Return the time from measurement to setpoint, ns; for an absent agent the median of the others."""
     found = {
         log.agent: float(log.negotiation[row])
         for log in run.agents.values()
@@ -225,7 +252,7 @@ def _delay(run: Run, agent: int, step: int) -> int:
 
 
 def _undisturbed(spec: FleetSpec, steps: int, bodies: Mapping[int, Kind]) -> FleetSpec:
-    """The fleet for some steps in virtual time, without faults, with other bodies."""
+    """Return the fleet for some steps in virtual time, without faults, with other bodies."""
     agents = {}
     for i, own in spec.agents.items():
         plant = {"plant": f"replay-{i}", "plants": {}} if i in bodies else {}

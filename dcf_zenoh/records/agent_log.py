@@ -1,4 +1,4 @@
-"""What one agent recorded, as arrays."""
+"""Log of one agent, as arrays."""
 
 import gc
 from collections.abc import Iterator, Mapping
@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from dcf_zenoh.errors import RecordingError
 from dcf_zenoh.plant import Array, read_only
-from dcf_zenoh.records.log_schema import Records, whose
+from dcf_zenoh.records.log_schema import Records, owner_of
 from dcf_zenoh.records.writer import log_name
 from dcf_zenoh.rounds.receiver import Passed
 from dcf_zenoh.spec import FleetSpec
@@ -22,33 +22,34 @@ Integers = npt.NDArray[np.int64]
 
 @dataclass(frozen=True)
 class AgentLog:
-    """What one agent recorded: K whole steps. Times in s of fleet time, arrays read-only.
+    """Log of one agent: K complete steps. Times are fleet time in s; arrays are read-only.
 
     Attributes:
         agent: Id.
         header: First object of the log: versions, processor, schema.
-        lives: How often the agent was started in this run.
+        lives: Number of times that the agent was started in this run.
         step: Step numbers, shape (K,).
-        sensed: When the state was measured, shape (K,).
+        sensed: Instants of the measurements, shape (K,).
         state: Position and velocity, shape (K, 2 d), m and m/s.
-        acted: When the setpoint went to the plant, shape (K,).
-        setpoint: Position, velocity, acceleration, shape (K, 3 d); NaN for no acceleration (come to rest), and for a
-            third component that a setpoint in the plane lacks.
+        acted: Instants at which the setpoints went to the plant, shape (K,).
+        setpoint: Position, velocity, acceleration, shape (K, 3 d); NaN for no acceleration (the body comes to rest),
+            and for the third components of a setpoint in the plane.
         decision: The algorithm's decision, shape (K, n); NaN in steps without one.
         rounds: Rounds per step, shape (K,).
-        residual: Own residual of the last round, shape (K,).
-        stopped_by: What ended the rounds, K words; see `Outcome`.
+        residual: The agent's residual of the last round, shape (K,).
+        stopped_by: Reasons for the end of the rounds, K words; see `Outcome`.
         late: Whether the step overran, shape (K,).
         compute: Real time spent in the algorithm, s, shape (K,).
         links: Neighbour -> messages received, missing, late, lost by faults per step, shape (K, 4).
-        passed: What links did to messages, in the order in which the agent took them in.
-        notes: Per step what the controller counted.
-        rounds_log: Per step the records of its rounds (`RoundRecord` as a tuple); empty without ``log.rounds``.
+        passed: Effects of links on messages, in the order in which the agent consumed them.
+        notes: Counts of the controller per step.
+        rounds_log: Records of the rounds of each step (`RoundRecord` as a tuple); empty without ``log.rounds``.
         remarks: K remarks.
-        events: What happened at some instant: 'event', 'time' (ns), and more.
-        end: How it ended: 'end' (reason), 'time' (ns), 'state', 'counts', 'remark', and 'unmet', what faults of the
-            links to it were to act on and no message had; None if the log was cut off, or is damaged.
-        damage: Where the log is damaged, in one line that names it; empty if it is not. Nothing after that is here.
+        events: Events between the steps: 'event', 'time' (ns), and more.
+        end: End of the log: 'end' (reason), 'time' (ns), 'state', 'counts', 'remark', and 'unmet', the parts of
+            payloads on which faults of the links to this agent should have acted and that no message had; None if the
+            log was cut off, or is damaged.
+        damage: Source, place and kind of the damage, in one line; empty if there is none. What follows is left out.
     """
 
     agent: int
@@ -75,25 +76,26 @@ class AgentLog:
     damage: str = ""
 
     def rows(self, steps: int) -> Integers:
-        """Row of the newest record at each of the first `steps` steps: that of the step, or where there is none (the
-        agent was dead) of the last one before.
+        """Return the row of the newest record at each of the first `steps` steps, shape (steps,).
+
+        That is the record of the step, or of the last one before where the agent was down.
         """
         found: Integers = np.searchsorted(self.step, np.arange(steps), side="right") - 1
         return found.clip(0)
 
     @property
     def negotiation(self) -> Array:
-        """Fleet time from sensing to acting, s, shape (K,): computation and waiting, the whole of steps 1 and 2."""
+        """Fleet time from sensing to acting, s, shape (K,): all computation and waiting in a step."""
         return self.acted - self.sensed
 
     @property
     def landed(self) -> str:
-        """Why the agent ended its flight before its time; empty if it did not."""
+        """Reason for which the agent landed before the end of the run; empty if it did not."""
         return str(self.end["remark"]) if self.end and self.end["end"] == "landed" else ""
 
     @property
     def path(self) -> Array:
-        """Positions, the last one included where the log ends with a state, shape (K or K+1, d), m."""
+        """Positions, including that of the end if the log has one, shape (K or K+1, d), m."""
         last = [] if self.end is None else self.end["state"]  # empty too after a failure
         states = np.vstack((self.state, last)) if last and len(last) == self.state.shape[1] else self.state
         return states[:, : states.shape[1] // 2]
@@ -103,7 +105,7 @@ class AgentLog:
         """Read the log of `agent` in a run directory of `fleet`.
 
         Raises:
-            RecordingError: It cannot be read, is no log, or is that of another agent, fleet or seed.
+            RecordingError: It cannot be read, is no log, or is the log of another agent, fleet or seed.
         """
         path = folder / log_name(agent)
         try:
@@ -114,17 +116,17 @@ class AgentLog:
 
     @classmethod
     def read(cls, data: bytes, source: str, owner: tuple[int, FleetSpec] | None = None) -> "AgentLog":
-        """Read a stream up to its last whole record, or to where it is damaged.
+        """Read a stream up to its last complete record, or to its first damage.
 
         Args:
             data: The stream.
-            source: What errors call it.
-            owner: The agent and the fleet that it must be of; None: any.
+            source: Name of the stream in errors.
+            owner: Agent and fleet that the log must belong to; None: any.
 
         Raises:
-            RecordingError: It is no log, one of another schema, or not that of its owner.
+            RecordingError: It is no log, has another schema, or belongs to another owner.
         """
-        with _collector_resting():
+        with _garbage_collection_paused():
             try:
                 found = Records.read(data, owner and owner[1])
             except RecordingError as error:
@@ -135,7 +137,7 @@ class AgentLog:
 
     @classmethod
     def _of(cls, found: Records, source: str) -> "AgentLog":
-        """The arrays of what was read."""
+        """Return the log as arrays."""
         steps = found.steps
         neighbours = sorted({link[0] for record in steps for link in record.links})
         counts = {j: np.zeros((len(steps), 4), dtype=np.int64) for j in neighbours}
@@ -169,8 +171,8 @@ class AgentLog:
 
 
 @contextmanager
-def _collector_resting() -> Iterator[None]:
-    """Without the garbage collector, which finds nothing in a log and takes longer than reading it."""
+def _garbage_collection_paused() -> Iterator[None]:
+    """Pause the garbage collector, which finds nothing in a log and takes longer than reading it."""
     active = gc.isenabled()
     gc.disable()
     try:
@@ -181,24 +183,24 @@ def _collector_resting() -> Iterator[None]:
 
 
 def has_log(folder: Path, agent: int) -> bool:
-    """Whether a run directory has a log of `agent` with anything in it."""
+    """Return whether a run directory has a log of `agent` that is not empty."""
     path = folder / log_name(agent)
     return path.is_file() and path.stat().st_size > 0
 
 
 def _check_owner(header: Mapping[str, Any], agent: int, fleet: FleetSpec, source: str) -> None:
-    """Refuse the log of another agent, fleet or seed.
+    """Check that a header belongs to the agent, the fleet and its seed.
 
     Raises:
-        RecordingError: It is one.
+        RecordingError: It does not.
     """
     expected = {"agent": agent, "fleet": fleet.name, "seed": fleet.seed}
     if any(header.get(name) != value for name, value in expected.items()):
-        raise RecordingError(f"{source}: the log of {whose(header)}; expected {whose(expected)}")
+        raise RecordingError(f"{source}: the log of {owner_of(header)}; expected {owner_of(expected)}")
 
 
 def _table(rows: list[list[float]]) -> Array:
-    """Rows of equal length as one array; empty ones, and missing ends, are NaN."""
+    """Return rows as one array; empty rows, and missing ends of shorter ones, are NaN."""
     width = max(map(len, rows), default=0)
     table = np.full((len(rows), width), np.nan)
     for row, values in zip(table, rows, strict=True):
@@ -208,7 +210,7 @@ def _table(rows: list[list[float]]) -> Array:
 
 
 def _setpoints(rows: list[list[float]]) -> Array:
-    """Rows of position, velocity and acceleration, some in the plane and some in space, as one array."""
+    """Return rows of position, velocity and acceleration, some in the plane and some in space, as one array."""
     if not {6, 9} <= {len(row) for row in rows} <= {0, 6, 9}:
         return _table(rows)
     table = np.full((len(rows), 3, 3), np.nan)

@@ -1,7 +1,7 @@
-"""What the log of an agent may hold, checked object by object.
+"""Schema of the log of an agent, by which it is checked object by object.
 
-A log is read up to its first object that is none of these, and what comes after it is left out, even where that is
-whole: steps missing in the middle would be taken for steps in which the agent took no part.
+A log is read up to its first invalid object. What follows is left out, even if it is valid: steps missing in the middle
+would be taken for steps in which the agent took no part.
 """
 
 from collections.abc import Mapping
@@ -14,7 +14,7 @@ from dcf_zenoh.errors import RecordingError
 from dcf_zenoh.records.writer import SCHEMA, StepRecord, read_stream
 from dcf_zenoh.spec import FleetSpec
 
-OWNER = ("agent", "fleet", "seed")  # what a header says of whose log it is
+OWNER = ("agent", "fleet", "seed")  # entries of a header that identify the log
 
 _Integer = Annotated[int, Field(strict=True, ge=-(2**63), lt=2**63)]
 _Count = Annotated[int, Field(strict=True, ge=0, lt=2**63)]
@@ -66,11 +66,11 @@ class Records:
 
     Attributes:
         header: The first object.
-        lives: How many headers there are.
+        lives: Number of headers.
         steps: Control steps, ascending.
-        events: What happened at some instant.
-        end: The last of the ends; None if the log was cut off, or is damaged.
-        damage: Where it is damaged, and what stands there; empty if it is not.
+        events: Events between the steps.
+        end: The last end; None if the log was cut off, or is damaged.
+        damage: Place and kind of the damage; empty if there is none.
     """
 
     header: dict[Any, Any] = field(default_factory=dict)
@@ -79,17 +79,17 @@ class Records:
     events: list[dict[Any, Any]] = field(default_factory=list)
     end: dict[Any, Any] | None = None
     damage: str = ""
-    _begun: bool = False  # whether the present life has a step
+    _begun: bool = False  # whether there is a step since the last header
 
     @classmethod
     def read(cls, data: bytes, fleet: FleetSpec | None = None) -> "Records":
-        """Read a stream up to where it was cut off, or to the first object that is none of a log.
+        """Read a stream up to where it was cut off, or to its first invalid object.
 
-        A file system that lost power can leave zeros at the end of a file; they are no damage.
+        Zeros at the end of the file, which a file system can leave after a loss of power, are no damage.
 
         Args:
             data: The stream.
-            fleet: Whose agents and steps there can be; None: any.
+            fleet: Fleet that has the agents and steps in the log; None: any.
 
         Raises:
             RecordingError: It does not begin with a header that this version can read.
@@ -115,10 +115,10 @@ class Records:
         return f"after step {self.steps[-1].step}" if self.steps else "before its first step"
 
     def _take(self, item: object, fleet: FleetSpec | None) -> None:
-        """Take in the next object.
+        """Check and keep the next object.
 
         Raises:
-            ValueError: It is none that can stand here.
+            ValueError: It is not valid here.
             RecordingError: It is the first one, and no header of this version.
         """
         if not self.lives and not (isinstance(item, dict) and "schema" in item):
@@ -142,47 +142,47 @@ class Records:
             raise RecordingError(f"log schema {header['schema']!r:.20}; this version reads {SCHEMA}")
         _Header.model_validate(header)
         if self.lives and any(header.get(name) != self.header.get(name) for name in ("schema", *OWNER)):
-            raise ValueError(f"a header of {whose(header)} in the log of {whose(self.header)}")
+            raise ValueError(f"a header of {owner_of(header)} in the log of {owner_of(self.header)}")
         self.header = self.header or header
         self.lives += 1
         self._begun = False
 
     def _step(self, item: list[Any], fleet: FleetSpec | None) -> StepRecord:
-        """A control step: the next one, or after a header any later one."""
+        """Return a checked control step: the next one, or after a header any later one."""
         record = StepRecord._make(_STEP.validate_python(item))
         before = self.steps[-1].step if self.steps else -1
         if record.step <= before or (self._begun and record.step != before + 1):
             raise ValueError(f"step {record.step} instead of {before + 1}")
         if record.acted < record.sensed:
             raise ValueError("acted before sensing")
-        heard = {link[0] for link in record.links}
-        if any(passed[0] not in heard or (passed[5] < passed[4] and not passed[6]) for passed in record.passed):
+        senders = {link[0] for link in record.links}
+        if any(passed[0] not in senders or (passed[5] < passed[4] and not passed[6]) for passed in record.passed):
             raise ValueError("passed: a message of nobody that is heard, or one that came before it was sent")
         if fleet is not None:
-            _check_known(record, heard, fleet)
+            _check_known(record, senders, fleet)
         return record
 
 
-def whose(header: Mapping[str, Any]) -> str:
-    """Whose log it is, as its header says."""
+def owner_of(header: Mapping[str, Any]) -> str:
+    """Return agent, fleet and seed of a header, as text."""
     return ", ".join(f"{name} {header.get(name)!r:.80}" for name in OWNER)
 
 
-def _check_known(record: StepRecord, heard: set[int], fleet: FleetSpec) -> None:
-    """Refuse steps and agents that a fleet does not have.
+def _check_known(record: StepRecord, senders: set[int], fleet: FleetSpec) -> None:
+    """Check that the fleet has the steps and agents of a record.
 
     Raises:
-        ValueError: There is one.
+        ValueError: It does not.
     """
-    if strangers := heard - fleet.agents.keys():
-        raise ValueError(f"links: there is no agent {min(strangers)}")
+    if unknown := senders - fleet.agents.keys():
+        raise ValueError(f"links: there is no agent {min(unknown)}")
     latest = max(record.step, max((passed[2] for passed in record.passed), default=0))
     if latest >= fleet.steps:
         raise ValueError(f"step {latest} of {fleet.steps}")
 
 
 def _first_of(error: ValidationError) -> str:
-    """The first problem, in one line."""
+    """Return the first problem, in one line."""
     first = error.errors(include_url=False, include_context=False, include_input=False)[0]
     top, *below = first["loc"]
     name = StepRecord._fields[top] if isinstance(top, int) and top < len(StepRecord._fields) else top

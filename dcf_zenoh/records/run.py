@@ -1,4 +1,4 @@
-"""A finished (or broken-off) run as arrays to plot and compare."""
+"""A finished or interrupted run as arrays, to measure, plot and compare."""
 
 import hashlib
 import json
@@ -28,14 +28,14 @@ log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class Run:
-    """All agents' logs of one run, and the fleet that made them.
+    """Logs of all agents of one run, and the fleet.
 
     Attributes:
         name: Name of the run.
         fleet: The resolved fleet.
         agents: Id -> log, ascending.
         folder: The run directory; None for a run that was only kept in memory.
-        home: What the paths in the fleet are relative to.
+        home: Folder that the paths in the fleet are relative to.
         run_plugins: Whether the code of plug-ins that are not part of dcf-zenoh may be run, to learn the `geometry`.
     """
 
@@ -55,7 +55,7 @@ class Run:
             run_plugins: Whether its copies of plug-ins may be run then.
 
         Raises:
-            RecordingError: It is none, or holds no log at all.
+            RecordingError: It is no run directory, or has no log that can be read.
             ConfigurationError: Its fleet file cannot be read.
         """
         folder = Path(folder)
@@ -86,7 +86,7 @@ class Run:
 
     @property
     def about(self) -> Mapping[str, Any]:
-        """What the launcher noted of the run (``run.json``); empty if there is none."""
+        """Notes of the launcher about the run (``run.json``); empty if there are none."""
         path = None if self.folder is None else self.folder / "run.json"
         if path is None or not path.is_file():
             return {}
@@ -95,17 +95,17 @@ class Run:
 
     @cached_property
     def steps(self) -> int:
-        """Steps that every agent has lived to see."""
+        """Number of steps that all agents reached."""
         return min(int(log.step[-1]) + 1 if len(log.step) else 0 for log in self.agents.values())
 
     @cached_property
     def time(self) -> Array:
-        """Nominal instants t_k of the steps all agents have, s, shape (K,)."""
+        """Nominal instants t_k of these steps, s, shape (K,)."""
         return read_only(np.arange(self.steps) * self.fleet.time.sample_time)
 
     @cached_property
     def positions(self) -> Array:
-        """Measured positions, shape (K, N, d), m, in the d dimensions that all agents have: 0 if any has no plant."""
+        """Measured positions, shape (K, N, d), m, in the d dimensions that all agents have; d = 0 without plants."""
         d = min(log.path.shape[1] for log in self.agents.values())
         return np.stack([log.path[log.rows(self.steps), :d] for log in self.agents.values()], axis=1)
 
@@ -120,7 +120,7 @@ class Run:
 
     @cached_property
     def geometry(self) -> FleetGeometry:
-        """Safety regions and obstacles, by the problems of the agents."""
+        """Safety regions and obstacles, as the problems of the agents define them."""
         return FleetGeometry.of(self.fleet, self.home, run_plugins=self.run_plugins)
 
     @cached_property
@@ -150,15 +150,15 @@ class Run:
 
     @cached_property
     def targets(self) -> Mapping[int, Array]:
-        """Agent -> target, m, of the agents that have one."""
+        """Agent -> target, m, of the agents that have a target."""
         found = {i: self.fleet.agent(i).problem.options.get("target") for i in self.agents}
         return {i: read_only(target) for i, target in found.items() if target is not None}
 
     @cached_property
     def arrival_time(self) -> float | None:
-        """Since when all agents have been near their targets, if they stayed so for as long as the fleet asks.
+        """Begin of the first time in which all agents were at their targets as long as the fleet file asks, s, or None.
 
-        Where targets are agreed on in flight and not in the fleet file, it is by what the agents found.
+        Where the targets are not in the fleet file, because agents agree on them in flight, the ends of the logs count.
         """
         rule = self.fleet.time.arrived
         if rule is None or not self.steps:
@@ -178,7 +178,7 @@ class Run:
 
     @cached_property
     def digest(self) -> str:
-        """SHA-256 over what the agents did: states, setpoints, decisions and rounds of every step, no clock times."""
+        """SHA-256 of the states, setpoints, decisions and rounds of every step, without times."""
         total = hashlib.sha256()
         for agent, log in sorted(self.agents.items()):
             total.update(struct.pack("<qq", agent, len(log.step)))
@@ -189,7 +189,7 @@ class Run:
 
     @property
     def gaps(self) -> list[str]:
-        """Agents whose log is missing, breaks off or is damaged. Empty if the run is `complete`."""
+        """Texts on agents whose log is missing, breaks off or is damaged. Empty if the run is `complete`."""
         absent = [f"agent {i} has no log that can be read" for i in self.fleet.ids if i not in self.agents]
         broken = [
             f"agent {i}'s log {'is damaged' if log.damage else 'breaks off'} after {_last_step(log)}"
@@ -204,7 +204,7 @@ class Run:
         return len(self.agents) == len(self.fleet.agents) and all(log.end for log in self.agents.values())
 
     def summary(self) -> dict[str, Any]:
-        """The run in one flat object, as ``--json`` prints it."""
+        """Return the run in single numbers, as ``--json`` prints it."""
         logs = self.agents.values()
         received, missing, late, lost = (
             int(sum(counts[:, column].sum() for log in logs for counts in log.links.values())) for column in range(4)
@@ -262,7 +262,7 @@ def _last_step(log: AgentLog) -> str:
 
 
 def spread_of(values: npt.NDArray[Any]) -> dict[str, float | None]:
-    """Median, 95th percentile and maximum."""
+    """Return median, 95th percentile and maximum; None where there are no values."""
     if not values.size:
         return {"median": None, "p95": None, "max": None}
     return {

@@ -1,10 +1,9 @@
 """The log of an agent: an append-only msgpack stream, and its reader.
 
 The first object of a stream is the header, a map; then one array per control step, in the order of `StepRecord`'s
-fields; in between maps for what happens at some instant (an agent crashes, a fault is changed); last a map, the end.
-After a restart all this follows once more. A stream that was cut off anywhere is read up to its last whole object. A
-run directory holds one stream per agent beside ``fleet.toml`` (the resolved fleet), ``run.json`` and copies of plug-in
-files.
+fields; in between maps for events (an agent crashes, a fault is changed); last a map, the end. After a restart all of
+this follows again. A stream that was cut off anywhere is read up to its last complete object. A run directory holds one
+stream per agent, ``fleet.toml`` (the resolved fleet), ``run.json`` and copies of plug-in files.
 """
 
 import platform
@@ -29,7 +28,7 @@ _NONE: Mapping[int, LinkCount] = MappingProxyType({})
 
 
 def log_name(agent: int) -> str:
-    """File name of an agent's stream."""
+    """Return the file name of an agent's stream."""
     return f"agent-{agent}.msgpack"
 
 
@@ -38,21 +37,21 @@ class StepRecord(NamedTuple):
 
     Attributes:
         step: Control step k.
-        sensed: When the state was measured.
+        sensed: Instant of the measurement.
         state: Position and velocity, m and m/s.
-        acted: When the setpoint went to the plant: at the end of the negotiation, or when it was meant to.
-        setpoint: Position, velocity, acceleration as flown; NaN for no acceleration (come to rest).
+        acted: Instant at which the setpoint went to the plant: the end of the negotiation, or a planned later one.
+        setpoint: Position, velocity, acceleration as flown; NaN for no acceleration (the body comes to rest).
         decision: The algorithm's decision.
         rounds: Communication rounds.
         residual: The agent's own residual in the last round.
-        stopped_by: What ended the rounds; see `Outcome`, or 'abstained'.
-        late: The step overran: not its own decision flew, but what the fleet file says for that case.
+        stopped_by: Reason for the end of the rounds; see `Outcome`, or 'abstained'.
+        late: Whether the step overran: then `exchange.late` of the fleet file decides the setpoint, not the decision.
         compute: Real time spent in the algorithm.
         links: Per neighbour: id, received, missing, late, lost.
-        passed: What links did to messages: sender, sequence, step, round, entered, due (-1: lost), lost_by.
-        notes: What the controller counted.
-        log: Per round, if asked for: payload, residual, arrivals, noted; see `RoundRecord`.
-        remark: What else there is to say.
+        passed: Effects of links on messages: sender, sequence, step, round, entered, due (-1: lost), lost_by.
+        notes: Counts of the controller.
+        log: Per round, with ``log.rounds``: payload, residual, times of receipt, notes; see `RoundRecord`.
+        remark: Further remark.
     """
 
     step: int
@@ -85,7 +84,7 @@ class StepRecord(NamedTuple):
         late: bool,
         remark: str = "",
     ) -> "StepRecord":
-        """The record of a step that was negotiated."""
+        """Return the record of a step that was negotiated."""
         return cls(
             step=step,
             sensed=sensed,
@@ -116,7 +115,7 @@ class StepRecord(NamedTuple):
         links: Mapping[int, LinkCount] = _NONE,
         passed: Sequence[Note] = (),
     ) -> "StepRecord":
-        """The record of a step in which the agent took no part, or not to its end; what had come until then."""
+        """Return the record of a step in which the agent took no part, or only at first, with the messages so far."""
         return cls(
             step, sensed, state.vector.tolist(), sensed, setpoint.vector.tolist(), [], 0, float("inf"), "abstained",
             False, 0, _counts(links), list(passed), {}, [], remark,
@@ -128,7 +127,7 @@ def _counts(links: Mapping[int, LinkCount]) -> list[tuple[int, int, int, int, in
 
 
 def _plain(value: object) -> object:
-    """Arrays and numpy numbers as lists and numbers, for msgpack."""
+    """Return arrays and numpy numbers as lists and numbers, for msgpack."""
     if isinstance(value, np.ndarray | np.generic):
         return value.tolist()
     if isinstance(value, Mapping):
@@ -137,13 +136,13 @@ def _plain(value: object) -> object:
 
 
 class Recorder:
-    """Writes one agent's stream; every object is handed to the operating system at once.
+    """Writer of one agent's stream; every object goes to the operating system at once.
 
     Args:
         stream: Open for writing bytes, unbuffered.
         agent: Id.
-        about: What else the header says: fleet, run, seed, clock.
-        observe: Told of every record once it is written.
+        about: Further entries of the header: fleet, run, seed, clock.
+        observe: Called with every record once it is written.
     """
 
     def __init__(
@@ -176,7 +175,7 @@ class Recorder:
         self._observe(record)
 
     def event(self, what: str, now: int, **about: Any) -> None:
-        """Append that something happened at `now`, fleet time in ns."""
+        """Append an event at `now`, fleet time in ns."""
         self._write({"event": what, "time": now, **about})
 
     def end(
@@ -188,7 +187,7 @@ class Recorder:
         counts: Mapping[str, int] | None = None,
         unmet: Sequence[tuple[int, str, str]] = (),
     ) -> None:
-        """Append the end: its reason, the fleet time in ns, the last state, and what `Exchange` has counted."""
+        """Append the end: its reason, the fleet time in ns, the last state, and the counts of `Exchange`."""
         self._write(
             {
                 "end": reason,
@@ -210,10 +209,10 @@ class Recorder:
 
 
 def read_stream(data: bytes) -> Iterator[tuple[Any, int]]:
-    """The whole objects of a stream, each with where it ends, up to where the stream was cut off.
+    """Yield the complete objects of a stream, each with the position of its end, up to where the stream was cut off.
 
     Raises:
-        ValueError: What follows is damaged: it is no object.
+        ValueError: The stream is damaged: what follows is no object.
     """
     longest = max(len(data), 1 << 20)  # a length beyond that is refused before memory is taken for it
     unpacker = msgpack.Unpacker(max_buffer_size=longest, strict_map_key=False)
@@ -228,8 +227,8 @@ def read_stream(data: bytes) -> Iterator[tuple[Any, int]]:
         yield item, unpacker.tell()
 
 
-def whole(data: bytes) -> int:
-    """How many bytes of a stream its whole objects take."""
+def length_of_complete(data: bytes) -> int:
+    """Return the number of bytes of a stream that its complete objects take."""
     end = 0
     try:
         for item, after in read_stream(data):
@@ -242,16 +241,16 @@ def whole(data: bytes) -> int:
 
 
 def open_log(directory: Path, agent: int, *, again: bool = False) -> BinaryIO:
-    """A new stream in a run directory; or `again` the one that is there, to be continued after its last whole object.
+    """Open a new stream in a run directory; with `again` continue an existing one after its last complete object.
 
     Raises:
-        RecordingError: It cannot be written; or is there already, or is not.
+        RecordingError: It cannot be written, or it exists; with `again`: it does not exist.
     """
     path = directory / log_name(agent)
     try:
         if again:
             stream = path.open("r+b", buffering=0)
-            stream.truncate(stream.seek(whole(path.read_bytes())))
+            stream.truncate(stream.seek(length_of_complete(path.read_bytes())))
             return stream
         directory.mkdir(parents=True, exist_ok=True)
         return path.open("wb" if path.is_file() and not path.stat().st_size else "xb", buffering=0)

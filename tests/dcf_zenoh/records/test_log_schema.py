@@ -15,7 +15,7 @@ from dcf_zenoh.config import load
 from dcf_zenoh.errors import RecordingError
 from dcf_zenoh.records.agent_log import AgentLog
 from dcf_zenoh.records.run import Run
-from dcf_zenoh.records.writer import StepRecord, log_name, read_stream, whole
+from dcf_zenoh.records.writer import StepRecord, length_of_complete, log_name, read_stream
 from dcf_zenoh.spec import FleetSpec
 from tests.support.faulty_runs import named
 
@@ -162,7 +162,7 @@ def test_zeros_after_a_loss_of_power_are_an_end_and_can_be_written_over(data: by
     cut = data[: ends[5]] + bytes(4096)
     log = AgentLog.read(cut, "a log")
     assert (len(log.step), log.end, log.damage) == (5, None, "")
-    assert whole(cut) == ends[5]
+    assert length_of_complete(cut) == ends[5]
 
 
 def test_a_second_life_is_read_and_that_of_another_agent_is_damage(data: bytes) -> None:
