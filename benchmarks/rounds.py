@@ -132,9 +132,11 @@ def stack(agent: int, ports: list[int], seconds: float) -> None:
 
     agents = range(len(ports))
     graph = Graph.of(agents, [(i, j) for i in agents for j in agents if i != j])
-    hood = Neighbourhood.of(graph, agent, metropolis(graph))
+    neighbourhood = Neighbourhood.of(graph, agent, metropolis(graph))
     endpoints = {i: f"tcp/127.0.0.1:{port}" for i, port in enumerate(ports)}
-    address = Address("dcf/bench/1", endpoints[agent], endpoints_to_connect(agent, hood.receives_from, endpoints), {})
+    address = Address(
+        "dcf/bench/1", endpoints[agent], endpoints_to_connect(agent, neighbourhood.receives_from, endpoints), {}
+    )
     values = np.random.default_rng(agent).normal(size=VALUES)
 
     def dialogue() -> Dialogue[Measured]:
@@ -157,13 +159,13 @@ def stack(agent: int, ports: list[int], seconds: float) -> None:
         found.append(outcome.result)
         return Ending(Last.DONE)
 
-    mailbox = Mailbox(hood.receives_from)
+    mailbox = Mailbox(neighbourhood.receives_from)
     rounds = Rounds(max_rounds=10**9, threshold=0.0)
     receiver = Receiver(mailbox, hold=True, log_all=True)
     options = ExchangeOptions(time.perf_counter_ns, compute_time=ComputeTime(virtual=False))
-    exchange = Exchange(agent, hood, rounds, mailbox, receiver, Sender(agent), Synchronous(rounds), options)
+    exchange = Exchange(agent, neighbourhood, rounds, mailbox, receiver, Sender(agent), Synchronous(rounds), options)
     parts = AgentParts(agent, NoPlant(), mailbox, {}, exchange, Recorder(io.BytesIO(), agent, {}), loop())
-    with Network(agent, hood, address) as network:
+    with Network(agent, neighbourhood, address) as network:
         network.do_handshake("bench", TIMEOUT / 2)
         spare_collector()
         drive(parts.loop, WallRunner(parts, network, {}))

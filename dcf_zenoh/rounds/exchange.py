@@ -216,16 +216,29 @@ class Exchange:
             AlgorithmError: The dialogue broke the contract, or raised an exception.
             NumericalError: A residual is not a number.
         """
-        hood, settings, options = self._neighbourhood, self._settings, self._options
+        neighbourhood, settings, options = self._neighbourhood, self._settings, self._options
         agreement = Agreement(
-            hood.diameter, len(hood.receives_from), settings.threshold, settings.margin or 0, arrived=arrived
+            neighbourhood.diameter,
+            len(neighbourhood.receives_from),
+            settings.threshold,
+            settings.margin or 0,
+            arrived=arrived,
         )
         run = DialogueRun(dialogue, f"agent {self._agent}: step {step}", options.stopwatch, options.noted)
         self._sender.position = position if options.share_position else ()
-        self._receiver.begin(step, hood.receives_from, position)
+        self._receiver.begin(step, neighbourhood.receives_from, position)
         now, stopped_by = yield from self._mode.run(
             StepExchange(
-                run, hood, agreement, self._receiver, self._sender, options.compute_time, step, now, until, next_step
+                run,
+                neighbourhood,
+                agreement,
+                self._receiver,
+                self._sender,
+                options.compute_time,
+                step,
+                now,
+                until,
+                next_step,
             )
         )
         return Outcome(

@@ -3,7 +3,7 @@ import time
 from dcf_zenoh.clock import VirtualClock, WallClock
 
 
-def test_before_the_start_the_wall_clock_shows_utc() -> None:
+def test_wall_clock_shows_utc_before_the_start() -> None:
     before = time.time_ns()
     assert before <= WallClock().now() <= time.time_ns()
 
@@ -15,7 +15,7 @@ def test_fleet_time_is_zero_at_the_agreed_instant() -> None:
     assert abs(clock.now() - (time.time_ns() - start)) < 50_000_000
 
 
-def test_a_deadline_is_the_same_instant_on_the_monotonic_clock() -> None:
+def test_deadline_is_the_same_instant_on_the_monotonic_clock() -> None:
     clock = WallClock()
     for _ in range(2):  # before and after the start
         ahead = clock.deadline(clock.now() + 1_000_000_000) - time.monotonic()
@@ -23,7 +23,7 @@ def test_a_deadline_is_the_same_instant_on_the_monotonic_clock() -> None:
         clock.start(time.time_ns())
 
 
-def test_virtual_time_passes_only_when_told_and_never_goes_back() -> None:
+def test_virtual_time_passes_only_by_advance_and_never_goes_back() -> None:
     clock = VirtualClock()
     clock.start(12345)
     assert clock.now() == 0

@@ -46,21 +46,21 @@ def same(a: Payload, b: Payload) -> bool:
 
 
 @given(messages)
-def test_what_is_decoded_is_what_was_encoded(message: Message) -> None:
+def test_decoding_is_the_inverse_of_encoding(message: Message) -> None:
     back = decode(encode(message))
     assert back[:-1] == message[:-1]
     assert same(back.payload, message.payload)
 
 
 @given(messages, st.data())
-def test_a_truncated_message_is_refused(message: Message, data: st.DataObject) -> None:
+def test_truncated_message_is_refused(message: Message, data: st.DataObject) -> None:
     whole = encode(message)
     with pytest.raises(MessageError):
         decode(whole[: data.draw(st.integers(0, len(whole) - 1))])
 
 
 @given(messages, st.data())
-def test_a_corrupted_message_is_refused_or_read_but_never_crashes(message: Message, data: st.DataObject) -> None:
+def test_corrupted_message_is_refused_or_decoded_but_never_crashes(message: Message, data: st.DataObject) -> None:
     raw = bytearray(encode(message))
     raw[data.draw(st.integers(0, len(raw) - 1))] = data.draw(st.integers(0, 255))
     with suppress(MessageError):
@@ -117,7 +117,7 @@ def test_oversized_messages_are_refused_both_ways() -> None:
 
 
 @given(payloads)
-def test_the_canonical_payload_is_what_a_receiver_decodes(payload: dict[str, wire.Value]) -> None:
+def test_canonical_payload_is_the_one_that_a_receiver_decodes(payload: dict[str, wire.Value]) -> None:
     own = canonical(payload)
     assert same(own, decode(encode(PLAIN._replace(payload=own))).payload)
     for value in own.values():
@@ -126,7 +126,7 @@ def test_the_canonical_payload_is_what_a_receiver_decodes(payload: dict[str, wir
             assert value.flags.c_contiguous
 
 
-def test_a_canonical_payload_is_a_copy_of_its_own() -> None:
+def test_canonical_payload_is_a_copy() -> None:
     x = np.arange(6.0).reshape(2, 3)
     own = canonical({"view": x[:, ::2], "scalar": np.float64(1.5), "big": np.array([1.0], dtype=">f8")})
     x[:] = 0
@@ -145,6 +145,6 @@ def test_a_canonical_payload_is_a_copy_of_its_own() -> None:
         ([1.0], "a payload is a mapping of names to arrays or numbers, not list"),
     ],
 )
-def test_what_cannot_be_sent_is_named(payload: object, text: str) -> None:
+def test_value_that_cannot_be_sent_is_named(payload: object, text: str) -> None:
     with pytest.raises(MessageError, match=text):
         canonical(payload)  # type: ignore[arg-type]

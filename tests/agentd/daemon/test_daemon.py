@@ -18,7 +18,7 @@ def loud(problem, me):
 """
 
 
-def test_what_a_plug_in_prints_disturbs_neither_the_launcher_nor_the_json(tmp_path: Path) -> None:
+def test_output_of_a_plug_in_disturbs_neither_the_launcher_nor_the_json(tmp_path: Path) -> None:
     (tmp_path / "loud.py").write_text(LOUD)
     for command in (["launch", "--clock", "virtual"], ["simulate"]):
         out = tmp_path / command[0]

@@ -39,7 +39,7 @@ SET = {"do": "set", "senders": [1], "name": "loss", "fault": {"kind": "loss", "p
 
 
 class Daemon:
-    """Agent 2 of a ring of four, as far as its operators know it."""
+    """Agent 2 of a ring of four, as its operators see it."""
 
     def __init__(self, folder: Path, faults: str = "", **changes: Any) -> None:
         self.fleet = load(lossy(folder, faults), changes=[f"{key}={value}" for key, value in changes.items()])
@@ -49,7 +49,7 @@ class Daemon:
         recorder = Recorder(self.stream, 2, {})
         self.control = Control(2, self.fleet, (1, 3), self.links, recorder, self.ends.append)
 
-    def tell(self, request: Any, now: int = 0) -> Answer:
+    def ask(self, request: Any, now: int = 0) -> Answer:
         data = encode(request) if isinstance(request, Table) else msgpack.packb(request)
         return decode_answer(self.control.handle(data, now), 2)
 
@@ -77,11 +77,11 @@ def daemon(tmp_path: Path) -> Daemon:
         Halt(),
     ],
 )
-def test_request_comes_out_as_it_went_in(request_: OperatorRequest) -> None:
+def test_decoding_a_request_is_the_inverse_of_encoding(request_: OperatorRequest) -> None:
     assert decode_request(encode(request_)) == request_
 
 
-def test_answer_comes_out_as_it_went_in() -> None:
+def test_decoding_an_answer_is_the_inverse_of_encoding() -> None:
     done = (
         AppliedChange(time=5, change=Change(senders=(1,), name="loss", fault=LOSS)),
         AppliedChange(time=7, change=Clear(senders=(1,))),
@@ -90,7 +90,7 @@ def test_answer_comes_out_as_it_went_in() -> None:
     assert decode_answer(encode(answer), 2) == answer
 
 
-def test_no_word_is_an_answer_too() -> None:
+def test_empty_answer_means_that_no_requests_are_taken() -> None:
     assert decode_answer(b"", 3) == Answer(
         agent=3, error="takes no orders now: it has not started yet, or its run is over"
     )
@@ -119,7 +119,7 @@ MALFORMED = {
 
 
 @pytest.mark.parametrize("data", MALFORMED.values(), ids=MALFORMED.keys())
-def test_what_is_malformed_gets_an_error_and_changes_nothing(data: bytes, daemon: Daemon) -> None:
+def test_malformed_request_gets_an_error_and_changes_nothing(data: bytes, daemon: Daemon) -> None:
     with pytest.raises(MessageError, match=r"^not a request: "):
         decode_request(data)
     before = daemon.stream.getvalue()
@@ -135,33 +135,33 @@ def test_bytes_are_a_request_or_a_message_error(data: bytes) -> None:
 
 
 def test_operators_end_the_flight_and_get_an_answer(daemon: Daemon) -> None:
-    assert daemon.tell(Land(), 4 * S) == Answer(agent=2, time=4 * S)
+    assert daemon.ask(Land(), 4 * S) == Answer(agent=2, time=4 * S)
     assert daemon.ends == ["landed by an operator"]
     assert decode_answer(daemon.control.handle(HALT, 5 * S), 2) == Answer(agent=2, time=5 * S)
     assert daemon.ends[1:] == ["emergency stop by an operator"]
 
 
 def test_change_acts_on_the_links_named_from_now_on(daemon: Daemon) -> None:
-    answer = daemon.tell(SET, 5 * S)
+    answer = daemon.ask(SET, 5 * S)
     assert (answer.agent, answer.time, answer.error, answer.senders) == (2, 5 * S, "", (1,))
     assert daemon.links.keys() == {1}
     assert [daemon.lost(1, instant) for instant in (5 * S - 1, 5 * S, 99 * S)] == [False, True, True]
 
 
-def test_link_that_had_faults_keeps_them(daemon: Daemon) -> None:
+def test_faults_of_the_fleet_file_stay(daemon: Daemon) -> None:
     link = daemon.links[1] = FaultChain(0, 1, 2)
     link.add("partition", (0, inf), None)
-    daemon.tell(SET)
+    daemon.ask(SET)
     assert daemon.links[1] is link
     assert daemon.lost(1, 0)
 
 
-def test_clear_ends_what_was_changed_and_only_there(daemon: Daemon) -> None:
-    daemon.tell({**SET, "senders": [1, 3]}, 1 * S)
-    assert daemon.tell(Clear(senders=(3,)), 2 * S).senders == (3,)
+def test_clear_ends_the_changes_of_the_named_links_alone(daemon: Daemon) -> None:
+    daemon.ask({**SET, "senders": [1, 3]}, 1 * S)
+    assert daemon.ask(Clear(senders=(3,)), 2 * S).senders == (3,)
     assert [daemon.lost(j, 3 * S) for j in (1, 3)] == [True, False]
     assert daemon.lost(3, 2 * S - 1)
-    assert daemon.tell(Clear(senders=(1, 3)), 4 * S).error == ""
+    assert daemon.ask(Clear(senders=(1, 3)), 4 * S).error == ""
     assert [daemon.lost(j, 4 * S) for j in (1, 3)] == [False, False]
 
 
@@ -181,17 +181,17 @@ def test_clear_ends_what_was_changed_and_only_there(daemon: Daemon) -> None:
         ({**SET, "fault": {"kind": "range", "distance": 1.0}}, "loss: needs the positions of the agents"),
     ],
 )
-def test_what_cannot_be_done_is_not_done_by_halves(request_: dict[str, Any], said: str, daemon: Daemon) -> None:
+def test_impossible_request_is_refused_as_a_whole(request_: dict[str, Any], said: str, daemon: Daemon) -> None:
     before = daemon.stream.getvalue()
-    assert said in daemon.tell(request_).error
+    assert said in daemon.ask(request_).error
     assert (daemon.links, daemon.stream.getvalue()) == ({}, before)
-    assert daemon.tell(Show()).changes == ()
+    assert daemon.ask(Show()).changes == ()
 
 
 def test_kind_of_the_fleet_file_can_be_used(tmp_path: Path) -> None:
     daemon = Daemon(tmp_path, "[[faults.rule]]\nto = 3\ndull = { kind = './mine.py:Dull', often = 2 }")
-    assert daemon.tell({**SET, "name": "dull", "fault": {"kind": "./mine.py:Dull", "often": 3}}).error == ""
-    assert "often must be at least" not in daemon.tell({**SET, "fault": {"kind": "./mine.py:Dull"}}).error
+    assert daemon.ask({**SET, "name": "dull", "fault": {"kind": "./mine.py:Dull", "often": 3}}).error == ""
+    assert "often must be at least" not in daemon.ask({**SET, "fault": {"kind": "./mine.py:Dull"}}).error
 
 
 def test_loss_needs_a_time_out_of_rounds(tmp_path: Path) -> None:
@@ -200,16 +200,16 @@ def test_loss_needs_a_time_out_of_rounds(tmp_path: Path) -> None:
     (tmp_path / "lossy.toml").write_text(text)
     fleet = load(tmp_path / "lossy.toml")
     daemon.control = Control(2, fleet, (1, 3), daemon.links, Recorder(io.BytesIO(), 2, {}), daemon.ends.append)
-    assert daemon.tell(SET).error.startswith("exchange.round_timeout: missing; loss can lose messages, and a round ")
-    assert daemon.tell({**SET, "name": "latency", "fault": {"kind": "latency", "mean": 0.1}}).error == ""
+    assert daemon.ask(SET).error.startswith("exchange.round_timeout: missing; loss can lose messages, and a round ")
+    assert daemon.ask({**SET, "name": "latency", "fault": {"kind": "latency", "mean": 0.1}}).error == ""
 
 
-def test_log_has_all_that_was_done_and_it_can_be_done_again(daemon: Daemon, tmp_path: Path) -> None:
-    daemon.tell({**SET, "senders": [1, 3]}, 1 * S)
-    daemon.tell({**SET, "name": "latency", "fault": {"kind": "latency", "mean": 0.5}}, 2 * S)
-    daemon.tell({**SET, "fault": False}, 3 * S)
-    daemon.tell(Clear(senders=(3,)), 4 * S)
-    daemon.tell({**SET, "senders": [9]}, 5 * S)
+def test_log_has_all_changes_and_they_can_be_applied_again(daemon: Daemon, tmp_path: Path) -> None:
+    daemon.ask({**SET, "senders": [1, 3]}, 1 * S)
+    daemon.ask({**SET, "name": "latency", "fault": {"kind": "latency", "mean": 0.5}}, 2 * S)
+    daemon.ask({**SET, "fault": False}, 3 * S)
+    daemon.ask(Clear(senders=(3,)), 4 * S)
+    daemon.ask({**SET, "senders": [9]}, 5 * S)
     done = changes_in(daemon.log)
     assert [(each.time // S, each.change.do, each.change.senders) for each in done] == [
         (1, "set", (1, 3)),
@@ -217,11 +217,11 @@ def test_log_has_all_that_was_done_and_it_can_be_done_again(daemon: Daemon, tmp_
         (3, "set", (1,)),
         (4, "clear", (3,)),
     ]
-    assert daemon.tell(Show(), 6 * S).changes == done
+    assert daemon.ask(Show(), 6 * S).changes == done
     again = Daemon(tmp_path)
     again.control.restore(done)
-    assert changes_in(again.log) == ()  # it stands in the log already
-    assert again.tell(Show()).changes == done
+    assert changes_in(again.log) == ()  # the log has them already
+    assert again.ask(Show()).changes == done
     for sender in (1, 3):
         ours, theirs = (convey(each.links[sender], 7, S) for each in (daemon, again))
         assert ours == theirs
@@ -229,7 +229,7 @@ def test_log_has_all_that_was_done_and_it_can_be_done_again(daemon: Daemon, tmp_
 
 
 def test_faults_of_a_link_draw_as_those_of_a_fleet_file(daemon: Daemon) -> None:
-    daemon.tell({**SET, "fault": {"kind": "loss", "probability": 0.5}})
+    daemon.ask({**SET, "fault": {"kind": "loss", "probability": 0.5}})
     same = FaultChain(daemon.fleet.spec.seed, 1, 2)
     same.add("loss", (-inf, inf), daemon.links[1]._layers["loss"].entries[0][1])
     outcome = convey(daemon.links[1], 50, MS)

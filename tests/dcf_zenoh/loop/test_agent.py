@@ -16,7 +16,7 @@ from dcf_zenoh.spec import Arrived
 S = 1_000_000_000  # ns
 
 
-def test_an_agent_has_arrived_when_it_stayed_near_for_long_enough() -> None:
+def test_agent_has_arrived_when_it_stayed_near_for_long_enough() -> None:
     arrival = Arrival(Arrived.model_validate({"within": 0.05, "for": 1.0}))
     distances = {0: 0.04, 1: 0.06, 2: 0.05, 3: 0.01}
     assert [arrival.update(second * S, distance) for second, distance in distances.items()] == [False] * 3 + [True]
@@ -24,7 +24,7 @@ def test_an_agent_has_arrived_when_it_stayed_near_for_long_enough() -> None:
     assert not arrival.update(5 * S, 0.0)
 
 
-def test_without_a_rule_nobody_ever_arrives() -> None:
+def test_without_a_rule_an_agent_never_arrives() -> None:
     assert not Arrival(None).update(9 * S, 0.0)
 
 
@@ -57,7 +57,7 @@ def test_steps_that_overrun_are_never_skipped_and_start_at_once() -> None:
     np.testing.assert_allclose(log.sensed[1:], log.acted[:-1])
 
 
-def test_nobody_waits_for_an_agent_that_has_stopped(tmp_path: Path) -> None:
+def test_agent_that_has_stopped_is_not_waited_for(tmp_path: Path) -> None:
     file = tmp_path / "early.py"
     file.write_text(
         "def early(problem, me):\n"
@@ -71,7 +71,7 @@ def test_nobody_waits_for_an_agent_that_has_stopped(tmp_path: Path) -> None:
     assert {i: int(log.rounds[0]) for i, log in run.agents.items()} == {1: 2, 2: 4, 3: 6, 4: 7, 5: 7}
 
 
-def test_an_agent_alone_flies_to_its_target(tmp_path: Path) -> None:
+def test_single_agent_flies_to_its_target(tmp_path: Path) -> None:
     file = tmp_path / "lone.toml"
     file.write_text(
         'name = "lone"\n[time]\nclock = "virtual"\narrived = {}\n[problem]\nkind = "position_swap"\n'
@@ -81,12 +81,12 @@ def test_an_agent_alone_flies_to_its_target(tmp_path: Path) -> None:
     assert run.arrival_time is not None
     np.testing.assert_allclose(run.agents[7].path[-1], [1.0, 0.5], atol=0.05)
     assert run.summary()["min_distance"] is None
-    assert run.summary()["ended_by"] == {"agreed": run.steps}  # it iterates, and waits for nobody
+    assert run.summary()["ended_by"] == {"agreed": run.steps}  # it iterates without waiting
     assert run.agents[7].rounds[0] > 10
     assert (run.agents[7].negotiation == 0).all()
 
 
-def test_a_simulation_in_which_nobody_can_go_on_says_who_waits_for_whom() -> None:
+def test_stuck_simulation_names_what_each_agent_waits_for() -> None:
     blueprint = Blueprint.of(load("average", Overrides(clock="virtual")))
     parts = [blueprint.build(i, BytesIO(), {"run": "x"}) for i in (1, 2, 3, 4)]  # agent 5 never comes
     links = [link for link in blueprint.graph.links if 5 not in link]

@@ -1,4 +1,4 @@
-"""Phases of a flight and safety reactions, in the simulator; what daemons add is in tests/agentd."""
+"""Phases of a flight and safety reactions, in the simulator; those of daemons are tested in tests/agentd."""
 
 import re
 from pathlib import Path
@@ -32,21 +32,21 @@ def test_every_body_goes_through_all_phases_in_order(sandbox: Sandbox) -> None:
         assert sandbox.of(agent) == [*PHASES, "start 0", "finish done", "close"]
 
 
-def test_nobody_begins_a_phase_before_all_have_ended_the_one_before(sandbox: Sandbox) -> None:
+def test_phase_begins_when_all_have_ended_the_one_before(sandbox: Sandbox) -> None:
     sandbox.fly("agents.3.plants.body.pauses=3")
     order = [what for _, what in sandbox.entries]
     for before, after in zip(PHASES, [*PHASES[1:], "start 0"], strict=True):
         assert max(i for i, what in enumerate(order) if what == before) < order.index(after)
 
 
-def test_time_of_the_run_begins_at_zero_whatever_getting_ready_took(sandbox: Sandbox) -> None:
+def test_time_of_the_run_begins_at_zero_however_long_the_phases_took(sandbox: Sandbox) -> None:
     quick, slow = sandbox.fly(), sandbox.fly("plants.body.pauses=7")
     assert slow.digest == quick.digest
     np.testing.assert_array_equal(slow.agents[1].sensed, np.arange(5) * 0.2)
 
 
 @pytest.mark.parametrize("phase", PHASES)
-def test_where_one_cannot_go_on_nobody_does_and_who_was_armed_lands(sandbox: Sandbox, phase: str) -> None:
+def test_if_one_agent_cannot_continue_all_stop_and_armed_ones_land(sandbox: Sandbox, phase: str) -> None:
     words = phase.replace("_", " ")
     with pytest.raises(PlantError, match=rf"^agent 3: {words}: RuntimeError: no \(body\.py:\d+\)$"):
         sandbox.fly(f"agents.3.plants.body.fails='{phase}'")
@@ -58,26 +58,26 @@ def test_where_one_cannot_go_on_nobody_does_and_who_was_armed_lands(sandbox: San
     assert landed == ({3} | landed if phase in PHASES[2:] else set())
 
 
-def test_a_body_that_does_not_come_down_after_a_failure_is_told(sandbox: Sandbox) -> None:
+def test_failed_landing_after_a_failure_is_reported(sandbox: Sandbox) -> None:
     no = r"RuntimeError: no \(body\.py:\d+\)"
     with pytest.raises(PlantError, match=rf"^agent 3: settle: {no}; then agent 3: finish: {no}$"):
         sandbox.fly("agents.3.plants.body.fails='settle,finish failed'")
 
 
-def test_a_problem_found_by_the_inspection_keeps_everybody_on_the_ground(sandbox: Sandbox) -> None:
+def test_problem_found_by_the_inspection_keeps_the_fleet_on_the_ground(sandbox: Sandbox) -> None:
     text = r"^agent 2: not ready to fly: battery 3\.92 V: at least 3\.5 V is needed$"
     with pytest.raises(PlantError, match=text):
         sandbox.fly("agents.2.plants.body.fails='checks'")
     assert {what for _, what in sandbox.entries} == {"prepare", "inspect", "close"}
 
 
-def test_what_the_inspection_found_is_in_the_log(sandbox: Sandbox) -> None:
+def test_results_of_the_inspection_are_in_the_log(sandbox: Sandbox) -> None:
     run = sandbox.fly()
     (event,) = (event for event in run.agents[1].events if event["event"] == "inspected")
     assert event["checks"] == [["battery", "3.92 V", ""], ["heading", "1 deg", ""]]
 
 
-def test_agent_that_leaves_the_arena_lands_and_the_others_react_as_they_shall(sandbox: Sandbox) -> None:
+def test_agent_that_leaves_the_arena_lands_and_the_others_react_by_their_rules(sandbox: Sandbox) -> None:
     # agent 1 flies down towards (0, -1); the fence is at y = 0.5
     fence = "arena={min=[-1.5,-1.5],max=[1.5,1.5]}"
     low = ["agents.1.target=[0.0,2.0]", fence]
@@ -113,7 +113,7 @@ def test_emergency_stop_reaches_the_body_before_the_flight_ends(sandbox: Sandbox
     assert run.agents[2].stopped_by[-1] == "abstained"  # it holds
 
 
-def test_agent_that_holds_stays_where_it_is_until_the_end(sandbox: Sandbox) -> None:
+def test_holding_agent_stays_where_it_is_until_the_end(sandbox: Sandbox) -> None:
     fence = "arena={min=[-1.5,-1.5],max=[1.5,1.5]}"
     run = sandbox.fly(fence, "agents.1.target=[0.0,2.0]", "safety.geofence='hold'", duration=8.0)
     assert set(ends(run).values()) == {"done"}
@@ -145,11 +145,11 @@ def test_acceleration_limit_is_kept_by_clipping(sandbox: Sandbox) -> None:
     assert np.linalg.norm(run.agents[1].setpoint[:, 4:], axis=1).max() <= 0.5 * (1 + 1e-9)
 
 
-def test_separation_is_watched_by_what_neighbours_say(sandbox: Sandbox) -> None:
+def test_separation_is_checked_by_the_positions_in_messages(sandbox: Sandbox) -> None:
     rule = "safety.separation={min=1.45,then='log'}"  # neighbouring corners are 1.41 m apart
     on_path, complete = sandbox.fly(rule), sandbox.fly(rule, "topology.kind='complete'")
     texts = [[event["text"] for event in run.agents[1].events if "text" in event] for run in (on_path, complete)]
-    assert texts[0] == []  # on the path 1-2-3 agent 1 hears agent 2 alone, which is opposite
+    assert texts[0] == []  # on the path 1-2-3 the only neighbour of agent 1 is agent 2, which is opposite
     assert texts[1] == ["1.414 m from agent 3, at least 1.45 m is wanted"]
 
 

@@ -27,17 +27,17 @@ def test_body_in_the_arena_gives_no_alarm() -> None:
     assert supervisor().body(state(99.0, 0.0)) == []
 
 
-def test_body_outside_says_where_it_is_and_where_it_may_be() -> None:
+def test_alarm_of_the_fence_has_position_and_bounds() -> None:
     alarms = supervisor(BOX, geofence="stop").body(state(1.25, 0.0, -0.5))
     text = "outside the arena: x = 1.25 m, allowed -1 .. 1 m, z = -0.50 m, allowed 0 .. 1.5 m"
     assert alarms == [Alarm("geofence", "stop", text)]
 
 
-def test_planar_body_is_watched_on_two_axes() -> None:
+def test_planar_body_is_checked_on_two_axes() -> None:
     assert [alarm.then for alarm in supervisor(BOX).body(state(0.0, 2.01))] == ["land"]
 
 
-def test_speed_of_the_body_is_watched_unless_it_is_clipped() -> None:
+def test_speed_of_the_body_is_checked_unless_it_is_clipped() -> None:
     fast = state(0.0, 0.0, velocity=(0.9, 1.2))
     assert supervisor(speed={"max": 1.4}).body(fast) == []
     (alarm,) = supervisor(speed={"max": 1.4, "then": "hold"}).body(fast)
@@ -55,7 +55,7 @@ def test_acceleration_is_cut_down_to_its_limit_and_keeps_its_direction() -> None
     assert alarms == []
 
 
-def test_what_is_not_clipped_flies_as_it_was() -> None:
+def test_setpoint_that_is_not_clipped_stays_the_same() -> None:
     flown, alarms = supervisor(acceleration={"max": 1.0, "then": "log"}).setpoint(setpoint(3.0, 4.0), state(0.0, 0.0))
     np.testing.assert_array_equal(flown.acceleration, [3.0, 4.0])
     assert [alarm.then for alarm in alarms] == ["log"]
@@ -75,7 +75,7 @@ def test_setpoint_to_hold_has_no_limits() -> None:
     assert supervisor(speed={"max": 1e-9}, acceleration={"max": 1e-9}).setpoint(hold, state(0.0, 0.0)) == (hold, [])
 
 
-def test_neighbour_that_is_too_near_gives_alarm() -> None:
+def test_neighbour_that_is_too_near_gives_an_alarm() -> None:
     watch = supervisor(separation={"min": 0.3, "then": "land"})
     alarms = watch.separation(state(0.0, 0.0, 1.0), {3: (0.3, 0.0), 2: (0.0, 0.25), 4: ()})
     assert ("separation", "land", "0.250 m from agent 2, at least 0.3 m is wanted") in alarms
@@ -89,7 +89,7 @@ def test_steps_are_late_in_a_row_only_without_one_in_time_between() -> None:
     assert found == [False, False, False, True, True, False]
 
 
-def test_lost_neighbour_is_noted_where_the_others_go_on() -> None:
+def test_lost_neighbour_is_logged_where_the_others_continue() -> None:
     assert supervisor().neighbours([]) == []
     for then, what in {"land": "land", "hold": "hold", "stop": "stop", "continue": "log"}.items():
         (alarm,) = supervisor(neighbour_silent={"then": then}).neighbours(
@@ -98,7 +98,7 @@ def test_lost_neighbour_is_noted_where_the_others_go_on() -> None:
         assert alarm == ("neighbour_silent", what, "neighbour 1 is lost; neighbour 2 is lost")
 
 
-def test_alarm_is_new_once_until_it_has_been_away() -> None:
+def test_alarm_is_new_once_until_a_check_without_it() -> None:
     watch = supervisor()
     alarm = Alarm("speed", "log", "")
     fresh = [len(watch.fresh("body", alarms)) for alarms in ([alarm], [alarm], [], [alarm])]

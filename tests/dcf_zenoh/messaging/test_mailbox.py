@@ -13,7 +13,7 @@ def stream() -> list[Message]:
     return [message(4 * step + round, step, round) for step in range(3) for round in range(4)]
 
 
-def test_messages_are_released_in_the_order_of_their_numbers_however_they_arrive() -> None:
+def test_messages_are_released_in_the_order_of_their_numbers() -> None:
     for seed in range(20):
         mailbox, shuffled = Mailbox([2]), stream()
         random.Random(seed).shuffle(shuffled)
@@ -22,7 +22,7 @@ def test_messages_are_released_in_the_order_of_their_numbers_however_they_arrive
         assert [delivery.message for delivery in mailbox.take(2, 9, 9)] == stream()
 
 
-def test_nothing_behind_a_gap_is_known_or_released() -> None:
+def test_nothing_behind_a_gap_counts_as_received_or_is_released() -> None:
     mailbox = Mailbox([2])
     mailbox.put(message(0, 0, 0), 0)
     mailbox.put(message(2, 0, 2), 0)
@@ -54,14 +54,14 @@ def test_repeated_messages_are_dropped_and_counted() -> None:
     assert mailbox.duplicates == 3
 
 
-def test_the_last_message_of_a_step_answers_for_all_later_rounds_of_it() -> None:
+def test_last_message_of_a_step_counts_for_all_later_rounds_of_it() -> None:
     mailbox = Mailbox([2])
     mailbox.put(message(0, 5, 3, Last.OF_STEP), 0)
     assert mailbox.has_received(2, 5, NEVER)
     assert not mailbox.has_received(2, 6, 0)
 
 
-def test_a_goodbye_answers_for_everything_and_is_released_in_its_turn() -> None:
+def test_goodbye_counts_for_all_rounds_and_is_released_in_order() -> None:
     mailbox = Mailbox([2])
     mailbox.put(message(0, 5, 0), 0)
     assert mailbox.departed(2) is Last.NO

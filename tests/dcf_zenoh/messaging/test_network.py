@@ -35,7 +35,7 @@ from tests.support.waiting import until
 pytestmark = pytest.mark.real_time
 
 PREFIX = "dcf/test/run"
-LINKS = {1: [2], 2: [1]}  # agent -> whom it hears
+LINKS = {1: [2], 2: [1]}  # agent -> its in-neighbours
 
 
 def free_ports(count: int) -> list[int]:
@@ -47,7 +47,7 @@ def free_ports(count: int) -> list[int]:
 
 
 class Site:
-    """Where a fleet's agents listen, and whom they hear."""
+    """Endpoints and in-neighbours of a fleet's agents."""
 
     def __init__(self, hears: Mapping[int, list[int]] = LINKS) -> None:
         ports = free_ports(len(hears))
@@ -55,18 +55,18 @@ class Site:
         self.endpoints = {i: f"tcp/127.0.0.1:{port}" for i, port in zip(hears, ports, strict=True)}
 
     def open(self, agent: int) -> Network:
-        """The session of one agent."""
+        """Open the session of one agent."""
         receives = tuple(self.hears[agent])
         sends = tuple(j for j in self.hears if agent in self.hears[j])
         weights = dict.fromkeys((agent, *receives), 1 / (1 + len(receives)))
-        hood = Neighbourhood(receives, sends, weights, 1, doubly_stochastic=False)
+        neighbourhood = Neighbourhood(receives, sends, weights, 1, doubly_stochastic=False)
         connect = endpoints_to_connect(agent, sorted({*receives, *sends}), self.endpoints)
-        return Network(agent, hood, Address(PREFIX, self.endpoints[agent], connect, {}))
+        return Network(agent, neighbourhood, Address(PREFIX, self.endpoints[agent], connect, {}))
 
 
 @contextmanager
 def met(hears: Mapping[int, list[int]] = LINKS) -> Iterator[tuple[dict[int, Network], Site]]:
-    """A fleet that is ready."""
+    """Open the sessions of a fleet that has done its handshake."""
     site = Site(hears)
     with ExitStack() as stack:
         networks = {i: stack.enter_context(site.open(i)) for i in hears}
@@ -90,7 +90,7 @@ def soon(seconds: float = 10.0) -> float:
 
 
 def receive(network: Network, sender: int, within: float = 10.0) -> Message:
-    """The next message, past events that are none of its business."""
+    """Return the next message, skipping events."""
     deadline = soon(within)
     while (found := network.receive(sender, deadline)) is None:
         assert time.monotonic() < deadline, f"nothing from {sender}"
@@ -100,7 +100,7 @@ def receive(network: Network, sender: int, within: float = 10.0) -> Message:
 
 
 def event_of(network: Network, kind: type, within: float = 10.0) -> object:
-    """The next event of a kind."""
+    """Return the next event of a kind."""
     deadline = soon(within)
     while not isinstance(event := network.next_event(deadline), kind):
         assert time.monotonic() < deadline, f"no {kind.__name__}"
@@ -109,7 +109,7 @@ def event_of(network: Network, kind: type, within: float = 10.0) -> object:
 
 @contextmanager
 def bare_session(*endpoints: str) -> Iterator[zenoh.Session]:
-    """A stranger with a direct link to some agents."""
+    """Open a session outside of the fleet, with a direct link to some agents."""
     config = zenoh.Config()
     for key, value in {
         "mode": "peer",
@@ -128,7 +128,7 @@ def bare_session(*endpoints: str) -> Iterator[zenoh.Session]:
 
 
 def knock(stranger: zenoh.Session, key: str) -> None:
-    """Wait until what a stranger publishes arrives."""
+    """Wait until messages of a foreign session can be received."""
     publisher = stranger.declare_publisher(key)
     until(lambda: publisher.matching_status.matching, "a link")  # type: ignore[attr-defined]
     publisher.undeclare()  # type: ignore[no-untyped-call]
@@ -144,7 +144,7 @@ def next_refused(network: Network, sender: int = 1) -> Refused:
 
 
 def holds(true: Callable[[], bool], seconds: float) -> bool:
-    """Whether something stays so for a while."""
+    """Return whether a condition holds for a while."""
     end = soon(seconds)
     while true():
         if time.monotonic() >= end:
@@ -154,7 +154,7 @@ def holds(true: Callable[[], bool], seconds: float) -> bool:
 
 
 def attacks(sender: int) -> dict[str, bytes]:
-    """Bytes that are no message of `sender` -> why."""
+    """Return bytes that are no message of `sender` -> why."""
     good = encode(message(sender, 10**6))
     fields = msgpack.unpackb(good, use_list=True)
     return {
@@ -171,7 +171,7 @@ def attacks(sender: int) -> dict[str, bytes]:
     }
 
 
-def test_neighbours_meet_and_know_each_others_clocks() -> None:
+def test_handshake_measures_the_clock_offsets() -> None:
     site = Site({1: [2, 3], 2: [1, 3], 3: [1, 2]})
     with ExitStack() as stack:
         offsets = meet({i: stack.enter_context(site.open(i)) for i in site.hears})
@@ -182,7 +182,7 @@ def test_neighbours_meet_and_know_each_others_clocks() -> None:
             assert offset.error < 0.5e9
 
 
-def test_who_connects_waits_for_who_listens_to_start() -> None:
+def test_connecting_agent_waits_for_the_listening_one_to_start() -> None:
     site = Site()
     with site.open(2) as early, ThreadPoolExecutor() as pool:
         future = pool.submit(early.do_handshake, "same", 10.0)
@@ -192,7 +192,7 @@ def test_who_connects_waits_for_who_listens_to_start() -> None:
             assert list(future.result(10.0)) == [1]
 
 
-def test_who_is_missing_at_the_deadline_is_named() -> None:
+def test_missing_neighbour_is_named_at_the_deadline() -> None:
     site = Site({1: [2, 3], 2: [1, 3], 3: [1, 2]})
     with site.open(1) as one, site.open(2) as two, ThreadPoolExecutor() as pool:
         began = time.monotonic()
@@ -205,7 +205,7 @@ def test_who_is_missing_at_the_deadline_is_named() -> None:
     assert issubclass(NotReady, TimeoutError)
 
 
-def test_who_leaves_before_all_are_ready_has_to_come_back() -> None:
+def test_neighbour_that_leaves_before_all_are_ready_has_to_come_back() -> None:
     site = Site({1: [2, 3], 2: [1, 3], 3: [1, 2]})
     with site.open(1) as one, ThreadPoolExecutor() as pool:
         patient = pool.submit(one.do_handshake, "same", 10.0)
@@ -231,7 +231,7 @@ def test_another_fleet_file_is_refused() -> None:
     assert isinstance(errors[1], NetworkError)
 
 
-def test_a_stop_ends_the_wait_for_neighbours() -> None:
+def test_stop_ends_the_wait_for_neighbours() -> None:
     site = Site()
     with site.open(1) as one, ThreadPoolExecutor() as pool:
         future = pool.submit(one.do_handshake, "same", 10.0)
@@ -239,7 +239,7 @@ def test_a_stop_ends_the_wait_for_neighbours() -> None:
         assert str(future.exception(2.0)) == "agent 1: stopped by SIGTERM before all neighbours were ready"
 
 
-def test_a_taken_port_is_named() -> None:
+def test_port_in_use_is_named() -> None:
     site = Site()
     with site.open(1), pytest.raises(NetworkError) as caught:
         site.open(1)
@@ -247,7 +247,7 @@ def test_a_taken_port_is_named() -> None:
     assert "\n" not in str(caught.value)
 
 
-def test_a_setting_that_is_not_zenohs_is_named() -> None:
+def test_setting_unknown_to_zenoh_is_named() -> None:
     with pytest.raises(NetworkError, match=r"zenoh\.settings.*transport/link/tx/leese.* 3: "):
         Address(PREFIX, "tcp/127.0.0.1:0", (), {"transport/link/tx/leese": 3}).config()
 
@@ -263,7 +263,7 @@ def test_one_way_links_become_ready_and_carry_messages_one_way() -> None:
             networks[1].receive(2, soon())
 
 
-def test_what_all_get_and_what_one_gets_arrive_in_order() -> None:
+def test_messages_to_all_and_to_one_are_received_in_order() -> None:
     with met({1: [2, 3], 2: [1, 3], 3: [1, 2]}) as (networks, _):
         for number in range(300):
             networks[1].publish(message(1, number), (None, 2, 3)[number % 3])
@@ -278,7 +278,7 @@ def test_what_all_get_and_what_one_gets_arrive_in_order() -> None:
         assert networks[3].poll(1) is None
 
 
-def test_the_time_of_sending_can_be_stamped_at_the_last_moment() -> None:
+def test_time_of_sending_can_be_stamped_at_the_last_moment() -> None:
     with met() as (networks, _):
         networks[1].publish(message(1, 3), None, 12345)
         found = receive(networks[2], 1)
@@ -287,14 +287,14 @@ def test_the_time_of_sending_can_be_stamped_at_the_last_moment() -> None:
         assert found[6:-1] == message(1, 3)[6:-1]
 
 
-def test_a_megabyte_arrives_whole() -> None:
+def test_message_of_a_megabyte_is_received_whole() -> None:
     with met() as (networks, _):
         large = np.random.default_rng(1).normal(size=125_000)
         networks[1].publish(message(1, 0)._replace(payload={"x": large}))
         np.testing.assert_array_equal(receive(networks[2], 1).payload["x"], large)
 
 
-def test_a_session_that_closes_is_lost_to_its_neighbours() -> None:
+def test_closed_session_is_reported_to_its_neighbours() -> None:
     site = Site({1: [2, 3], 2: [1, 3], 3: [1, 2]})
     with site.open(1) as one, site.open(2) as two:
         with site.open(3) as three:
@@ -303,12 +303,12 @@ def test_a_session_that_closes_is_lost_to_its_neighbours() -> None:
             receive(one, 3)
         assert event_of(one, Lost) == Lost(3)
         assert event_of(two, Lost) == Lost(3)
-        receive(two, 3)  # what it said before is still there
-        one.publish(message(1, 0))  # and the others go on
+        receive(two, 3)  # its earlier messages are still there
+        one.publish(message(1, 0))  # the others continue
         assert receive(two, 1).sequence == 0
 
 
-def test_a_wait_ends_at_its_deadline_without_a_message() -> None:
+def test_wait_ends_at_its_deadline_without_a_message() -> None:
     late = []
     with met() as (networks, _):
         while networks[1].next_event(soon(0.1)) is not None:  # hellos
@@ -322,7 +322,7 @@ def test_a_wait_ends_at_its_deadline_without_a_message() -> None:
     assert max(late) < 0.5
 
 
-def test_a_message_ends_a_wait_long_before_its_deadline() -> None:
+def test_message_ends_a_wait_long_before_its_deadline() -> None:
     with met() as (networks, _), ThreadPoolExecutor() as pool:
         for number in range(20):
             waiting = pool.submit(receive, networks[2], 1)
@@ -330,7 +330,7 @@ def test_a_message_ends_a_wait_long_before_its_deadline() -> None:
             assert waiting.result(2.0).sequence == number
 
 
-def test_an_event_wakes_who_waits_for_a_message_and_loses_none() -> None:
+def test_event_ends_a_wait_for_messages_and_loses_none() -> None:
     with met() as (networks, _), ThreadPoolExecutor() as pool:
         while networks[2].next_event(soon(0.1)) is not None:
             pass
@@ -343,7 +343,7 @@ def test_an_event_wakes_who_waits_for_a_message_and_loses_none() -> None:
             assert receive(networks[2], 1).sequence == number
 
 
-def test_a_session_with_a_full_channel_closes() -> None:
+def test_session_with_a_full_channel_closes() -> None:
     with ExitStack() as stack:
         site = Site()
         one, two = stack.enter_context(site.open(1)), site.open(2)
@@ -370,7 +370,7 @@ def test_a_session_with_a_full_channel_closes() -> None:
         assert not sender.is_alive()
 
 
-def test_what_is_no_message_is_refused_and_changes_nothing() -> None:
+def test_bytes_that_are_no_message_are_refused_and_change_nothing() -> None:
     with met() as (networks, site), bare_session(site.endpoints[2]) as stranger:
         key = f"{PREFIX}/from/1/to/2"
         knock(stranger, key)
@@ -388,7 +388,7 @@ def test_what_is_no_message_is_refused_and_changes_nothing() -> None:
             assert event.key == f"{PREFIX}/hello/1/to/2"
 
 
-def test_refused_hellos_before_the_start_are_told_after_it() -> None:
+def test_refused_hellos_before_the_start_are_reported_after_it() -> None:
     site = Site()
     with site.open(1) as one, bare_session(site.endpoints[1]) as stranger, ThreadPoolExecutor() as pool:
         future = pool.submit(one.do_handshake, "same", 20.0)
@@ -401,7 +401,7 @@ def test_refused_hellos_before_the_start_are_told_after_it() -> None:
         assert str(getattr(event_of(one, Refused), "reason", "")).startswith("not a hello")
 
 
-def test_an_attacked_fleet_does_what_it_does_in_peace(tmp_path: Path) -> None:
+def test_fleet_under_attack_gives_the_same_result(tmp_path: Path) -> None:
     fleet = tmp_path / "trio.toml"
     fleet.write_text(TRIO[: TRIO.index("[agents.3]")])
     changes = ["time.clock='virtual'", "time.duration=20.0"]

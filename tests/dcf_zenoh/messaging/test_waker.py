@@ -18,7 +18,7 @@ PATIENCE = 5.0  # s after which a wake-up counts as missed
 
 @contextmanager
 def waker() -> Iterator[tuple[Waker, SimpleQueue[int]]]:
-    """A waker, and the channel that it makes deliver something."""
+    """A waker, and the channel that it wakes."""
     channel: SimpleQueue[int] = SimpleQueue()
     subject = Waker(channel.put)
     try:
@@ -28,14 +28,14 @@ def waker() -> Iterator[tuple[Waker, SimpleQueue[int]]]:
 
 
 def wait(subject: Waker, channel: SimpleQueue[int], deadline: float, target: int = 7) -> float:
-    """Block as a reader does; s past the deadline when woken."""
+    """Block as a reader does; return the s past the deadline when woken."""
     subject.arm(target, deadline)
     assert channel.get(timeout=PATIENCE) == target
     subject.disarm()
     return time.monotonic() - deadline
 
 
-def test_the_reader_is_woken_at_its_deadline_and_not_before() -> None:
+def test_reader_is_woken_at_its_deadline_and_not_before() -> None:
     with waker() as (subject, channel):
         late = [wait(subject, channel, time.monotonic() + 0.02, target) for target in range(20)]
     assert min(late) >= 0.0
@@ -43,17 +43,17 @@ def test_the_reader_is_woken_at_its_deadline_and_not_before() -> None:
     assert max(late) < 0.5
 
 
-def test_a_deadline_that_is_past_wakes_at_once() -> None:
+def test_deadline_in_the_past_wakes_at_once() -> None:
     with waker() as (subject, channel):
         began = time.monotonic()
         wait(subject, channel, began - 1.0)
         assert time.monotonic() - began < 0.5
 
 
-def test_a_deadline_may_be_earlier_or_later_than_the_one_before() -> None:
+def test_deadline_may_be_earlier_or_later_than_the_one_before() -> None:
     with waker() as (subject, channel):
         for ahead in (0.1, 0.01, 0.05, 0.01):
-            subject.arm(1, time.monotonic() + 60.0)  # and it came in time
+            subject.arm(1, time.monotonic() + 60.0)  # it ended before its deadline
             subject.disarm()
             assert 0.0 <= wait(subject, channel, time.monotonic() + ahead) < 0.5
 
@@ -66,7 +66,7 @@ def test_one_deadline_wakes_once() -> None:
             channel.get(timeout=0.1)
 
 
-def test_who_does_not_block_is_not_woken() -> None:
+def test_reader_that_does_not_block_is_not_woken() -> None:
     with waker() as (subject, channel):
         subject.poke()
         subject.arm(3, time.monotonic() + 0.02)
@@ -76,7 +76,7 @@ def test_who_does_not_block_is_not_woken() -> None:
             channel.get(timeout=0.1)
 
 
-def test_a_poke_from_another_thread_wakes_whoever_waits_for_ever() -> None:
+def test_poke_from_another_thread_wakes_a_reader_without_deadline() -> None:
     with waker() as (subject, channel):
         subject.arm(4, inf)
         poker = threading.Thread(target=subject.poke)
@@ -87,7 +87,7 @@ def test_a_poke_from_another_thread_wakes_whoever_waits_for_ever() -> None:
         assert channel.get(timeout=PATIENCE) == 4
 
 
-def test_closing_ends_the_thread_also_while_somebody_is_armed() -> None:
+def test_closing_ends_the_thread_also_while_a_reader_is_armed() -> None:
     with waker() as (subject, _):
         subject.arm(1, inf)
     assert not [thread for thread in threading.enumerate() if thread.name == "waker"]
@@ -111,7 +111,7 @@ def test_no_deadline_is_missed_however_waits_follow_each_other() -> None:
             deadline = time.monotonic() + chance.choice((1e-5, 1e-4))
             subject.arm(1, deadline)
             moment = deadline + chance.uniform(-1e-4, 4e-4)
-            while time.monotonic() < moment:  # then something comes, about when the thread looks
+            while time.monotonic() < moment:  # a message then comes at about the time at which the thread looks
                 pass
             subject.disarm()
             subject.arm(2, time.monotonic() + chance.choice((0.0, 1e-5, 1e-4, 1e-3)))
@@ -122,14 +122,14 @@ def test_no_deadline_is_missed_however_waits_follow_each_other() -> None:
 
 @pytest.mark.usefixtures("restless")
 def test_no_wake_up_is_missed_however_deadlines_messages_and_pokes_fall() -> None:
-    """For a second one thread blocks with short deadlines and without; another tells it one thing at a time."""
+    """For a second one thread blocks, with short deadlines and without; another sends it one thing at a time."""
     chance, luck = random.Random(1), random.Random(2)
     news: SimpleQueue[None] = SimpleQueue()
     noticed = threading.Semaphore(0)
     over = threading.Event()
     missed: list[str] = []
 
-    def tell() -> None:
+    def send() -> None:
         while not over.is_set():
             by_poke = luck.random() < 0.7
             if by_poke:
@@ -144,7 +144,7 @@ def test_no_wake_up_is_missed_however_deadlines_messages_and_pokes_fall() -> Non
                 pass
 
     with waker() as (subject, channel):
-        teller = threading.Thread(target=tell)
+        teller = threading.Thread(target=send)
         teller.start()
         waits = told = 0
         end = time.monotonic() + 1.0

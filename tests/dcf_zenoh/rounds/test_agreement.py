@@ -10,7 +10,7 @@ from dcf_zenoh.rounds.agreement import Agreement
 
 
 def random_strongly_connected(count: int, rng: random.Random) -> Graph:
-    """A directed cycle in random order, and some more links."""
+    """Return a directed cycle in random order with some more links."""
     order = rng.sample(range(count), count)
     links = {(order[k], order[(k + 1) % count]) for k in range(count)} if count > 1 else set()
     links |= {(i, j) for i in range(count) for j in range(count) if i != j and rng.random() < 0.2}
@@ -20,7 +20,7 @@ def random_strongly_connected(count: int, rng: random.Random) -> Graph:
 def play(
     graph: Graph, residuals: list[list[float]], arrived: list[bool], margin: int = 0
 ) -> tuple[list[int], list[bool]]:
-    """In which round each agent leaves, and whether it then knows that all have settled."""
+    """Return in which round each agent leaves, and whether it then knows that all have arrived."""
     agreements = {
         i: Agreement(graph.diameter, len(graph.in_neighbours(i)), 1.0, margin, arrived=arrived[i]) for i in graph.agents
     }
@@ -55,7 +55,7 @@ def test_all_agents_leave_in_the_same_round_the_earliest_possible(count: int, se
 
 
 @given(st.integers(1, 7), st.integers(0, 2**32), st.data())
-def test_all_know_that_all_have_settled_exactly_when_they_have(count: int, seed: int, data: st.DataObject) -> None:
+def test_all_know_that_all_have_arrived_exactly_when_they_have(count: int, seed: int, data: st.DataObject) -> None:
     graph = random_strongly_connected(count, random.Random(seed))
     arrived = data.draw(st.lists(st.booleans(), min_size=count, max_size=count))
     rounds = [[math.inf] * count] * (graph.diameter + 1)
@@ -64,6 +64,6 @@ def test_all_know_that_all_have_settled_exactly_when_they_have(count: int, seed:
     assert play(graph, rounds, arrived)[1] == [all(arrived)] * count
 
 
-def test_nobody_claims_that_all_have_settled_before_having_heard_of_all() -> None:
+def test_no_agent_concludes_that_all_have_arrived_before_it_has_heard_of_all() -> None:
     path = Graph.of(range(4), [(i, j) for i in range(4) for j in (i - 1, i + 1) if 0 <= j < 4])
     assert play(path, [[math.inf] * 4] * 2, [True] * 4)[1] == [False] * 4

@@ -47,7 +47,7 @@ class Case(NamedTuple):
     jitter: dict[int, int]
     compute: int
     latency: dict[tuple[int, int], int]
-    quits: dict[int, int]  # agent -> activation at which its algorithm returns of its own accord
+    quits: dict[int, int]  # agent -> activation at which its algorithm returns by itself
 
     @classmethod
     def draw(cls, seed: int) -> "Case":
@@ -73,7 +73,7 @@ class Case(NamedTuple):
 
 
 def dialogue(agent: int, step: int, quits: int, trace: Trace) -> Dialogue[int]:
-    """Sends who and where it is; notes what it hears, and how old that is."""
+    """Send agent, step and count; trace what is received, and how old it is."""
     count = 0
     while True:
         inbox = yield {"said": agent * 10**6 + step * 10**3 + count}, math.inf
@@ -86,7 +86,7 @@ def dialogue(agent: int, step: int, quits: int, trace: Trace) -> Dialogue[int]:
 
 
 def simulated(case: Case, dice: random.Random) -> tuple[Trace, dict[int, int], Trace]:
-    """What the agents hear in `run_agents`, sorted by agent; when each was through with its last step; and what the
+    """Return what the agents receive in `run_agents`, sorted by agent; when each ended its last step; and what the
     links did in each step.
     """
     trace: Trace = []
@@ -97,9 +97,9 @@ def simulated(case: Case, dice: random.Random) -> tuple[Trace, dict[int, int], T
         for step in range(case.steps):
             due = step * case.sample_time
             now = yield Wait(due)
-            talk = dialogue(agent, step, case.quits[agent], trace)
+            running = dialogue(agent, step, case.quits[agent], trace)
             outcome = yield from exchange.negotiate(
-                talk, step, now, until=due + case.budget, next_step=due + case.sample_time
+                running, step, now, until=due + case.budget, next_step=due + case.sample_time
             )
             ends[agent] = outcome.now
             passed.append((agent, step, outcome.passed))
@@ -109,13 +109,13 @@ def simulated(case: Case, dice: random.Random) -> tuple[Trace, dict[int, int], T
 
     parts = []
     for agent in case.graph.agents:
-        hood = Neighbourhood.of(case.graph, agent, uniform(case.graph))
-        mailbox = Mailbox(hood.receives_from)
+        neighbourhood = Neighbourhood.of(case.graph, agent, uniform(case.graph))
+        mailbox = Mailbox(neighbourhood.receives_from)
         links = {
             j: FaultChain(
                 0, j, agent, [Layer("latency", [(ALWAYS, Latency(FaultLink(j, agent, Path()), mean=delay * 1e-9))])]
             )
-            for j in hood.receives_from
+            for j in neighbourhood.receives_from
             if (delay := case.latency[j, agent])
         }
         rng = np.random.Generator(np.random.Philox([case.seed, agent, 2]))
@@ -123,14 +123,14 @@ def simulated(case: Case, dice: random.Random) -> tuple[Trace, dict[int, int], T
         mode = Asynchronous(settings, ActivationSchedule(case.period[agent], case.jitter[agent], rng))
         options = ExchangeOptions(lambda: 0, compute_time=ComputeTime(case.compute))
         receiver = Receiver(mailbox, links, hold=True)
-        exchange = Exchange(agent, hood, settings, mailbox, receiver, Sender(agent), mode, options)
+        exchange = Exchange(agent, neighbourhood, settings, mailbox, receiver, Sender(agent), mode, options)
         parts.append(AgentParts(agent, NoPlant(), mailbox, links, exchange, RECORDER, life(agent, exchange)))
     run_agents(parts, case.graph, dice.randrange)
     return sorted(trace), ends, sorted(passed)
 
 
 class Naive:
-    """The same by a queue of events in order of time: global knowledge, no messages, no promises."""
+    """Naive simulation by a queue of events in order of time: global knowledge, no messages, no promises."""
 
     def __init__(self, case: Case) -> None:
         self.case = case

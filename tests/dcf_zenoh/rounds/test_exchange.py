@@ -19,7 +19,7 @@ from dcf_zenoh.rounds.sender import Sender
 from dcf_zenoh.rounds.synchronous import Synchronous
 from dcf_zenoh.spec import Rounds, nanoseconds
 
-HOOD = Neighbourhood((2, 3), (2, 3), {1: 0.4, 2: 0.3, 3: 0.3}, 1, doubly_stochastic=True)
+NEIGHBOURHOOD = Neighbourhood((2, 3), (2, 3), {1: 0.4, 2: 0.3, 3: 0.3}, 1, doubly_stochastic=True)
 MS = 1_000_000
 
 
@@ -27,16 +27,16 @@ class Bench:
     """Agent 1 and a script for its neighbours 2 and 3.
 
     `answer(sender, round)` is what a neighbour sends in a round: its payload and the fleet time, in ns, at which it
-    is there; None for nothing at all.
+    is received; None for nothing.
     """
 
     def __init__(self, answer: Callable[[int, int], tuple[Payload, int] | None], **settings: Any) -> None:
-        self.mailbox = Mailbox(HOOD.receives_from)
+        self.mailbox = Mailbox(NEIGHBOURHOOD.receives_from)
         rounds = Rounds(**settings)
         receiver = Receiver(self.mailbox, hold=rounds.missing == "hold", skip_after_rounds=rounds.skip_after_rounds)
         options = ExchangeOptions(lambda: 0, compute_time=ComputeTime(nanoseconds(rounds.compute_time)))
         mode = Synchronous(rounds)
-        self.exchange = Exchange(1, HOOD, rounds, self.mailbox, receiver, Sender(1), mode, options)
+        self.exchange = Exchange(1, NEIGHBOURHOOD, rounds, self.mailbox, receiver, Sender(1), mode, options)
         self.answer = answer
         self.published: list[Publish] = []
         self.now = 0
@@ -73,7 +73,7 @@ class Bench:
 
 
 def listener(rounds: int, names: Callable[[int], str] = lambda _round: "x") -> Dialogue[list[Inbox]]:
-    """Sends round numbers for so many rounds and keeps every inbox."""
+    """Send round numbers for a number of rounds; return all inboxes."""
     seen: list[Inbox] = []
     for number in range(rounds):
         seen.append((yield {names(number): float(number)}, math.inf))
@@ -82,7 +82,7 @@ def listener(rounds: int, names: Callable[[int], str] = lambda _round: "x") -> D
     return seen
 
 
-def test_a_round_ends_when_the_last_neighbour_is_there() -> None:
+def test_round_ends_with_the_message_of_the_last_neighbour() -> None:
     bench = Bench(lambda j, p: ({"x": float(j)}, (10 * p + j) * MS))
     outcome = bench.run(listener(3))
     assert outcome.now == 23 * MS
@@ -91,14 +91,14 @@ def test_a_round_ends_when_the_last_neighbour_is_there() -> None:
     assert all(inbox.fresh(j) for inbox in outcome.result for j in (2, 3))
 
 
-def test_out_of_rounds_the_algorithm_is_told_to_stop() -> None:
+def test_algorithm_stops_when_it_is_out_of_rounds() -> None:
     bench = Bench(lambda j, p: ({"x": 0.0}, 0), max_rounds=4)
     outcome = bench.run(listener(99))
     assert (outcome.rounds, outcome.stopped_by) == (4, "rounds")
     assert [inbox.stop for inbox in outcome.result] == [False, False, False, True]
 
 
-def test_out_of_time_the_algorithm_is_told_to_stop_and_the_neighbours_are_told_so() -> None:
+def test_algorithm_stops_when_it_is_out_of_time_and_the_neighbours_are_informed() -> None:
     bench = Bench(lambda j, p: ({"x": 0.0}, 10 * p * MS))
     outcome = bench.run(listener(99), until=35 * MS)
     assert outcome.stopped_by == "budget"
@@ -107,7 +107,7 @@ def test_out_of_time_the_algorithm_is_told_to_stop_and_the_neighbours_are_told_s
     assert [publish.message.last for publish in bench.published] == [Last.NO] * 5 + [Last.OF_STEP]
 
 
-def test_a_neighbour_that_is_late_counts_as_missing_then_as_late_and_is_held() -> None:
+def test_late_message_counts_as_missing_then_as_late_and_is_held() -> None:
     # Agent 3 needs 15 ms for every message, a round ends after 10 ms.
     bench = Bench(lambda j, p: ({"x": 10.0 * j + p}, bench.now + (15 * MS if j == 3 else 0)), round_timeout=0.010)
     outcome = bench.run(listener(4))
@@ -129,7 +129,7 @@ def test_absent_means_that_nothing_is_held() -> None:
     assert [inbox.missing for inbox in outcome.result] == [(), (), (3,), ()]
 
 
-def test_a_held_payload_does_not_outlive_a_change_of_names() -> None:
+def test_held_payload_does_not_outlive_a_change_of_names() -> None:
     bench = Bench(lambda j, p: None if j == 3 and p else ({"state": 0.0}, bench.now), round_timeout=0.01)
     outcome = bench.run(listener(4, lambda number: "state" if number < 2 else "x"))
     assert [inbox.missing for inbox in outcome.result] == [(), (), (3,), (3,)]
@@ -145,32 +145,32 @@ def test_messages_of_an_earlier_step_never_enter_a_later_one() -> None:
     assert outcome.links[3].late == 1  # the second message of step 0
 
 
-def test_the_stated_compute_time_passes_once_per_round() -> None:
+def test_compute_time_passes_once_per_round() -> None:
     bench = Bench(lambda j, p: ({"x": 0.0}, 0), compute_time=0.002)
     assert bench.run(listener(5)).now == 10 * MS
 
 
 def test_edge_payloads_share_one_sequence_number() -> None:
-    def talk() -> Dialogue[None]:
+    def dialogue() -> Dialogue[None]:
         yield PerNeighbour({2: {"x": 2.0}, 3: {}}), 1.0
         yield {"x": 1.0}, 1.0
 
     bench = Bench(lambda j, p: ({}, 0))
-    bench.run(talk())
+    bench.run(dialogue())
     sent = [(p.receiver, p.message.sequence, dict(p.message.payload)) for p in bench.published]
     assert sent == [(2, 0, {"x": 2.0}), (3, 0, {}), (None, 1, {"x": 1.0}), (None, 2, {})]
     assert bench.exchange.counts["published"] == 4
 
 
-def test_the_own_payload_is_what_the_neighbours_get() -> None:
+def test_own_payload_in_the_inbox_is_the_one_that_neighbours_receive() -> None:
     values = np.arange(4.0)
 
-    def talk() -> Dialogue[Inbox]:
+    def dialogue() -> Dialogue[Inbox]:
         inbox = yield {"x": values[::2]}, 1.0
         values[:] = 0.0
         return inbox
 
-    own = Bench(lambda j, p: ({}, 0)).run(talk()).result.own["x"]
+    own = Bench(lambda j, p: ({}, 0)).run(dialogue()).result.own["x"]
     np.testing.assert_array_equal(own, [0.0, 2.0])
     assert own.flags.c_contiguous
 
@@ -198,13 +198,15 @@ def yields(*said: Any) -> Dialogue[None]:
         ([({}, 1.0)] * 9, AlgorithmError, "agent 1: step 7 round 3: the algorithm went on after inbox.stop"),
     ],
 )
-def test_a_broken_contract_names_agent_step_and_round(said: list[Any], error: type[Exception], text: str) -> None:
+def test_error_about_a_broken_contract_names_agent_step_and_round(
+    said: list[Any], error: type[Exception], text: str
+) -> None:
     bench = Bench(lambda j, p: ({}, 0), max_rounds=3)
     with pytest.raises(error, match=text):
         bench.run(yields(*said), step=7)
 
 
-def test_a_silent_neighbour_is_found_lost_by_the_age_of_its_messages() -> None:
+def test_silent_neighbour_is_lost_by_the_age_of_its_messages() -> None:
     bench = Bench(lambda j, p: ({}, bench.now) if j == 2 else None, round_timeout=0.01)
     bench.now = 500 * MS
     bench.run(listener(1), step=3)
