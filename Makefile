@@ -24,7 +24,7 @@ lint: $(READY)  ## format, style and types
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 
-quick: lint  ## lint, and the tests that take less than 0.8 s and no real time: what to run after every change
+quick: lint  ## lint, and the tests that take less than 0.6 s and no real time: what to run after every change
 	$(PYTEST) --numprocesses 2 --dist worksteal -m '$(SHORT)'
 
 test: lint  ## every check but the large ones; fails below the branch coverage reached (pyproject.toml)

@@ -17,7 +17,7 @@ ROOT = Path(__file__).parents[2]
 RECORD = ROOT / "tests" / "durations.json"
 PAGE = ROOT / "docs" / "testing.md"
 BEGIN, END = "<!-- durations -->", "<!-- end of durations -->"
-LONG = 0.8  # s, of one test; longer ones are not in make quick
+LONG = 0.6  # s, of one test; longer ones are not in make quick
 RECORDED = 0.5  # s; what takes less is not written down
 IN_TABLE = 4.0  # s, of a file
 

@@ -14,7 +14,11 @@ from dcf_zenoh.analysis.link_health import link_health
 from dcf_zenoh.records.run import Run
 from tests.support.daemons import both_cores_busy, launch_virtual
 
-FLEETS = ("position_swap_lossy", "position_swap_async", "position_swap_partition")
+FLEETS = (
+    "position_swap_lossy",
+    "position_swap_async",
+    pytest.param("position_swap_partition", marks=pytest.mark.large),
+)
 DYING = [
     "time.duration=4.0",
     "agents.1.faults.crash.at=0.85",

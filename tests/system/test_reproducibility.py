@@ -62,7 +62,7 @@ OVERRUN = ["exchange.compute_time=0.05", "exchange.round_timeout=0.01", "time.du
         ("average", "edges", ["exchange.max_rounds=20"]),
         ("average", "edges", ["exchange.max_rounds=20", "topology.kind=edges", "topology.directed=true",
                               "topology.links=[[1,2],[2,3],[3,4],[4,5],[5,1],[1,4]]"]),
-        ("position_swap", "early", [*OVERRUN, "topology.kind=star"]),
+        pytest.param("position_swap", "early", [*OVERRUN, "topology.kind=star"], marks=pytest.mark.large),
         ("position_swap", "early", [*OVERRUN, "topology.kind=path", "exchange.missing=absent", "exchange.margin=3"]),
         ("position_swap", "early", ["exchange.compute_time=0.15", "topology.kind=path", "exchange.late=hold"]),
     ],
@@ -85,9 +85,8 @@ def test_overruns_time_outs_early_leavers_and_edge_payloads_are_reproduced(
 @pytest.mark.parametrize(
     "topology",
     [
-        "star",
         "path",
-        *(pytest.param(each, marks=pytest.mark.large) for each in ("complete", "ring")),
+        *(pytest.param(each, marks=pytest.mark.large) for each in ("complete", "ring", "star")),
     ],  # others fly them
 )
 def test_daemons_do_what_the_simulator_does(topology: str, tmp_path: Path) -> None:
