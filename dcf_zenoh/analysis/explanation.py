@@ -1,4 +1,4 @@
-"""Why two agents came as close as they did: what the links did before, and what would have happened without it."""
+"""Explanation of the closest approach of two agents: disturbances of links before it, and a replay without them."""
 
 from collections import Counter, deque
 from collections.abc import Iterable, Mapping, Sequence
@@ -21,22 +21,22 @@ from dcf_zenoh.records.agent_log import AgentLog
 from dcf_zenoh.records.run import Run
 from dcf_zenoh.spec import FaultRule, Switch, nanoseconds
 
-WINDOW = 2  # steps before the closest approach that are looked at
-_FURTHER = (4, 8)  # so many steps before, where the agents meet all the same
+WINDOW = 2  # steps before the closest approach that are examined
+_FURTHER = (4, 8)  # steps before it from which a replay begins, if later replays violate the barrier too
 
 
 @dataclass(frozen=True)
 class LinkStep:
-    """What one link did in one step.
+    """Messages of one link in one step.
 
     Attributes:
-        sender: Id.
-        receiver: Id.
-        sent: Messages.
-        lost: By what messages were lost -> the rounds in which those were sent.
-        late: Messages that came after their round had ended, or after a newer one.
+        sender: Id of the sender.
+        receiver: Id of the receiver.
+        sent: Number of messages.
+        lost: Cause of a loss -> rounds in which the lost messages were sent.
+        late: Messages received after the end of their round, or after a newer one.
         missing: Rounds that the receiver ended without the message of the round.
-        latency: Mean latency of the messages that came, s; None where it is not known.
+        latency: Mean latency of the messages received, s; None where it is not known.
     """
 
     sender: int
@@ -49,28 +49,28 @@ class LinkStep:
 
     @property
     def lost_count(self) -> int:
-        """Messages lost, by whatever."""
+        """Number of messages lost, by any cause."""
         return sum(map(len, self.lost.values()))
 
     @property
     def disturbed(self) -> bool:
-        """Whether anything was not there in time."""
+        """Whether a message was lost, late or missing."""
         return bool(self.lost_count or self.late or self.missing)
 
 
 @dataclass(frozen=True)
 class AgentStep:
-    """How one agent ended one step.
+    """End of one step of one agent.
 
     Attributes:
-        agent: Id.
-        stopped_by: What ended its rounds, as its log says; empty if it has no record of the step.
-        rounds: How many there were.
-        residual: Its own residual at the stop.
+        agent: Id of the agent.
+        stopped_by: Reason for the end of its rounds in its log; empty if it has no record of the step.
+        rounds: Number of rounds.
+        residual: Residual of the agent at the stop.
         acted_after: Time from the measurement until its setpoint acted, s.
-        overran: Not its own decision flew, but what the fleet file says for that case.
-        notes: What its controller counted, if that is more than nothing.
-        remark: What else its log says.
+        overran: Whether the step was late: then `exchange.late` decided the setpoint, not the decision.
+        notes: Counts of its controller that are not 0.
+        remark: Remark in its log.
     """
 
     agent: int
@@ -84,21 +84,21 @@ class AgentStep:
 
     @property
     def absent(self) -> bool:
-        """Whether it took no part."""
+        """Whether the agent took no part."""
         return self.stopped_by in ("", "abstained")
 
 
 @dataclass(frozen=True)
 class StepBefore:
-    """One of the steps that led to the closest approach.
+    """One of the steps before the closest approach.
 
     Attributes:
         step: Control step k.
-        value: Of the pair, at its beginning.
+        value: Barrier or distance of the pair at the beginning of the step.
         between: Links of the shortest paths from one of the pair to the other and back.
-        others: All other links to the two.
+        others: All other links to the two agents.
         elsewhere: All links to other agents that are not on those paths.
-        agents: The two.
+        agents: The two agents.
         absent: Agents of the fleet that took no part.
     """
 
@@ -112,7 +112,7 @@ class StepBefore:
 
     @property
     def disturbed(self) -> bool:
-        """Whether anything in the fleet was not there in time."""
+        """Whether in the fleet an agent was absent, or a message lost, late or missing."""
         return bool(self.absent) or any(link.disturbed for link in self.links)
 
     @property
@@ -123,11 +123,11 @@ class StepBefore:
 
 @dataclass(frozen=True)
 class Alternative:
-    """What a replay came to.
+    """Result of a replay.
 
     Attributes:
-        replay: From which step on.
-        value: Of the pair, at the step of the closest approach.
+        replay: The replay.
+        value: Barrier or distance of the pair at the step of the closest approach.
     """
 
     replay: Replay
@@ -136,17 +136,17 @@ class Alternative:
 
 @dataclass(frozen=True)
 class Explanation:
-    """Why two agents came as close as they did.
+    """Explanation of the closest approach of two agents.
 
     Attributes:
         quantity: 'barrier', or 'distance' (m) where the problem has no safety region.
         step: Control step of the closest approach.
         pair: The two agents.
-        value: How close they came.
-        path: The shortest paths between the two, there and back; two agents each where they are neighbours.
-        before: The steps that led there, the latest first; none if the run begins there.
-        falsified: Faults that may have changed payloads in those steps -> on how many links.
-        alternatives: Replays without faults, from the step before on, and from ever earlier ones; none as above.
+        value: Barrier or distance of the pair in that step.
+        path: Shortest paths between the two agents, there and back; of two agents each if they are neighbours.
+        before: The steps before it, the latest first; none if the closest approach is the start of the run.
+        falsified: Fault that may have changed payloads in those steps -> number of links.
+        alternatives: Replays without faults, from the step before on, then from earlier ones; none as for `before`.
     """
 
     quantity: str
@@ -160,29 +160,29 @@ class Explanation:
 
     @property
     def disturbed(self) -> bool:
-        """Whether anything in the fleet was lost, late, absent or falsified in the steps before."""
+        """Whether in the steps before a message was lost, late, missing or falsified, or an agent absent."""
         return bool(self.falsified) or any(each.disturbed for each in self.before)
 
     @property
     def took_time(self) -> bool:
-        """Whether messages took any time to come."""
+        """Whether messages had a latency."""
         return any(link.latency for each in self.before for link in each.links)
 
 
 def explain(run: Run, changes: Iterable[FaultRule] = ()) -> Explanation:
-    """Look at the closest approach of `run`, at what the links did before, and at what would have come without it.
+    """Find the closest approach of `run`, examine the links before it, and replay the steps before it without faults.
 
-    The state at step k is the work of the setpoints of step k - 1 and of those before. So these steps are looked at,
-    and computed again without faults: step k - 1 alone, and all from k - 2 on. If the agents are in each other's safety
-    regions even then, the replay begins earlier.
+    The state at step k follows from the setpoints of step k - 1 and before. So these steps are examined and replayed
+    without faults: step k - 1 alone, and all from k - 2 on. If the agents are in each other's safety regions even then,
+    the replay begins earlier.
 
     Args:
-        run: It may be under way.
-        changes: Rules that were made while it ran, in that order; they go over those of its fleet file.
+        run: The run; it may still be going on.
+        changes: Fault rules of operators during the run, in order; they override those of its fleet file.
 
     Raises:
-        RecordingError: Nothing moves in the run, or there are no two agents in it, or no step that all have recorded.
-        DcfError: The replay does not work.
+        RecordingError: Nothing moves in the run, it has fewer than two agents, or no step that all have recorded.
+        DcfError: The replay fails.
     """
     values = _values(run)
     step, place = map(int, np.unravel_index(values.argmin(), values.shape))
@@ -215,13 +215,13 @@ def explain(run: Run, changes: Iterable[FaultRule] = ()) -> Explanation:
 
 
 def _falsified(run: Run, graph: Graph, rules: Sequence[FaultRule], steps: Iterable[int]) -> dict[str, int]:
-    """Faults that change payloads, or may: name -> number of links on which one acts at some time in the steps."""
+    """Return fault that may change payloads -> number of links on which it acts at some time in the steps."""
     length = nanoseconds(run.fleet.time.sample_time)
     begins = [window_of(rule)[0] for rule in rules]
     instants = [
         instant
         for begin in (step * length for step in steps)
-        for instant in {begin, *(each for each in begins if begin < each < begin + length)}  # where something changes
+        for instant in {begin, *(each for each in begins if begin < each < begin + length)}  # where the rules change
     ]
     found: Counter[str] = Counter()
     for receiver in graph.agents:
@@ -239,7 +239,7 @@ def _falsified(run: Run, graph: Graph, rules: Sequence[FaultRule], steps: Iterab
 
 
 def _falsifies(kind: str, folder: Path) -> bool:
-    """Whether a fault stands where payloads are changed; not if it is not there any more to be looked at."""
+    """Return whether a fault acts on payloads; False if its plug-in is not there any more."""
     try:
         stage = getattr(load("faults", kind, folder), "STAGE", None)
     except PluginError:
@@ -248,7 +248,7 @@ def _falsifies(kind: str, folder: Path) -> bool:
 
 
 def _values(run: Run) -> Array:
-    """Barrier or distance of every pair at every step, shape (K, pairs)."""
+    """Return the barrier or distance of every pair at every step, shape (K, pairs)."""
     if not run.steps:
         raise RecordingError(f"{run.name}: there is nothing to explain: no step that all agents recorded")
     if len(run.agents) < 2:
@@ -260,7 +260,7 @@ def _values(run: Run) -> Array:
 
 
 def _value(run: Run, again: Replay, pair: tuple[int, int]) -> float:
-    """The pair's barrier or distance at the end of a replay."""
+    """Return the barrier or distance of the pair at the end of a replay."""
     d = run.positions.shape[2]
     i, j = (again.states[agent][: len(again.states[agent]) // 2][:d] for agent in pair)
     if not run.barriers.size:
@@ -272,18 +272,18 @@ def _value(run: Run, again: Replay, pair: tuple[int, int]) -> float:
 
 
 def _path(graph: Graph, source: int, target: int) -> tuple[int, ...]:
-    """A shortest path; of several, the one through the lowest ids."""
-    came: dict[int, int] = {source: source}
+    """Return a shortest path; of several, the one through the lowest ids."""
+    previous: dict[int, int] = {source: source}
     queue = deque([source])
-    while target not in came:
+    while target not in previous:
         here = queue.popleft()
         for there in graph.out_neighbours(here):
-            if there not in came:
-                came[there] = here
+            if there not in previous:
+                previous[there] = here
                 queue.append(there)
     way = [target]
     while way[-1] != source:
-        way.append(came[way[-1]])
+        way.append(previous[way[-1]])
     return tuple(reversed(way))
 
 

@@ -1,7 +1,7 @@
-"""How well the links of a run carried what was sent over them, as far as its logs tell.
+"""Loss and latency of the links of a run, as far as its logs record them.
 
-What a link did to single messages is recorded of links with faults, and on the wall clock of all links; of the others
-in virtual time, which lose and delay nothing, messages are only counted.
+Single messages are recorded of links with faults, and on the wall clock of all links. Other links in virtual time lose
+and delay nothing; of them, messages are only counted.
 """
 
 from collections import Counter
@@ -19,25 +19,25 @@ from dcf_zenoh.records.agent_log import AgentLog, Integers
 from dcf_zenoh.records.run import Run
 from dcf_zenoh.spec import nanoseconds
 
-NETWORK = "the network"  # what has lost a message that no fault lost
-_LEAST = 1000  # ns between two messages of one agent; none is nearly as fast
-_SLACK = 1_000_000  # ns, as stamps depend on clock offsets
-_QUANTILES = 201  # of a profile: every half per cent
+NETWORK = "the network"  # cause of a loss that no fault made
+_LEAST = 1000  # ns between two messages of one agent; no agent is nearly as fast
+_SLACK = 1_000_000  # ns, because stamps depend on clock offsets
+_QUANTILES = 201  # of a profile: one for every half per cent
 
 
 class Crossing(NamedTuple):
-    """What became of one message on a link. Times in ns of fleet time.
+    """Passage of one message over a link. Times are fleet time in ns.
 
     Attributes:
-        sequence: Its number; they begin anew when the sender was started again.
+        sequence: Sequence number; numbers begin again when the sender is restarted.
         step: Control step in which it was sent.
         round: Round in which it was sent.
-        lost_by: Name of the fault that lost it, or `NETWORK`; empty if it came.
-        entered: When it entered the link; -1 if that is not known, because the network lost it.
-        due: When it was there first; -1 if it was lost.
-        copies: How often it came beyond the first time.
-        waited: Whether it was found when the receiver's loop woke up for a control step, on the wall clock: how long it
-            took to come is not known.
+        lost_by: Name of the fault that lost it, or `NETWORK`; empty if it was received.
+        entered: Instant at which it entered the link; -1 if the network lost it.
+        due: Instant at which it was first received; -1 if it was lost.
+        copies: Number of further copies received.
+        waited: Whether the receiver's loop found it when it woke up for a control step, on the wall clock; then its
+            latency is not known.
     """
 
     sequence: int
@@ -51,33 +51,33 @@ class Crossing(NamedTuple):
 
     @property
     def latency(self) -> float | None:
-        """How long it took to come, s; None where it did not, or where that is not known."""
+        """Latency, s; None where the message was lost, or the latency is not known."""
         return None if self.lost_by or self.waited else (self.due - self.entered) * 1e-9
 
 
 @dataclass(frozen=True)
 class LinkHealth:
-    """What one directed link did over a whole run.
+    """Measurements of one directed link over a run.
 
-    On the wall clock a message is there when the receiver's loop has read it. So its latency includes waiting for the
-    loop: for other messages that are read first, for a computation. What the loop found when it woke up for a control
-    step may have waited through all the time between two steps; such messages do not count in `latencies`.
+    On the wall clock a message is received when the receiver's loop has read it. So its latency includes waiting for
+    the loop: for other messages that are read first, and for computations. Messages that the loop found when it woke up
+    for a control step may have waited since the last step; they do not count in `latencies`.
 
     Attributes:
-        sender: Id.
-        receiver: Id.
-        recorded: Whether the log says what became of single messages; else they are only counted.
-        crossings: Message by message, in the order of sending; empty if not `recorded`. What was still under way at
-            the end is not there.
-        per_step: Messages sent in each step, lost of these, and messages late in that step of the receiver; shape
-            (K, 3).
+        sender: Id of the sender.
+        receiver: Id of the receiver.
+        recorded: Whether the log records single messages; otherwise they are only counted.
+        crossings: Passage of each message, in the order of sending; empty if not `recorded`. Messages that were still
+            on their way at the end are left out.
+        per_step: Messages sent in each step, messages lost of these, and messages late in that step of the receiver;
+            shape (K, 3).
         missing: Rounds of the receiver that ended without the message of that round.
-        latencies: Of the messages that came, ascending, s.
+        latencies: Latencies of the messages received, ascending, s.
         longest_gap: Longest time without a message, from the nominal begin of the receiver's first step to the end of
             its last, s; None if not `recorded`.
-        clock_ahead: By how much the sender's clock was ahead of the receiver's when they met, s; None in virtual time
-            and where it is not known. Latencies are corrected for it where it exceeds its error.
-        clock_error: Largest error of `clock_ahead`, s.
+        clock_ahead: Offset of the sender's clock from the receiver's at the handshake, s; positive if it is ahead. None
+            in virtual time and where it is not known. Latencies are corrected for it where it exceeds its error.
+        clock_error: Bound on the error of `clock_ahead`, s.
     """
 
     sender: int
@@ -93,21 +93,21 @@ class LinkHealth:
 
     @cached_property
     def sent(self) -> int:
-        """Messages sent over the link."""
+        """Number of messages sent over the link."""
         return len(self.crossings) if self.recorded else int(self.per_step[:, 0].sum())
 
     @cached_property
     def lost(self) -> Mapping[str, int]:
-        """By what messages were lost -> how many.
+        """Cause of loss -> number of messages.
 
-        By the network were lost those whose numbers are missing between others; on the wall clock alone, and not where
-        the receiver was away. What came after its number had been given up counts as lost too.
+        The network lost the messages whose sequence numbers are missing between others, on the wall clock alone, and
+        not while the receiver was absent. A message that came after its number had been given up counts as lost too.
         """
         return dict(sorted(Counter(each.lost_by for each in self.crossings if each.lost_by).items()))
 
     @property
     def loss(self) -> float:
-        """Share of messages that was lost, by whatever."""
+        """Share of messages that were lost, by any cause."""
         return sum(self.lost.values()) / self.sent if self.sent else 0.0
 
     @cached_property
@@ -122,21 +122,21 @@ class LinkHealth:
 
     @property
     def late(self) -> int:
-        """Messages that came after their round had ended, or after a newer one."""
+        """Number of messages received after the end of their round, or after a newer one."""
         return int(self.per_step[:, 2].sum())
 
     @property
     def duplicates(self) -> int:
-        """How often a message came that had come before."""
+        """Number of copies of messages that had been received before."""
         return sum(each.copies for each in self.crossings)
 
     def latency(self, probability: float) -> float | None:
-        """Quantile of the latencies, s; None where there are none."""
+        """Return a quantile of the latencies, s; None if there are none."""
         return float(np.quantile(self.latencies, probability)) if self.latencies.size else None
 
     @property
     def profile(self) -> LinkProfile | None:
-        """The link as a profile describes it; None if nothing was recorded to have come over it."""
+        """Profile of the link; None if no latency was recorded."""
         if not self.latencies.size:
             return None
         quantiles = np.quantile(self.latencies, np.linspace(0, 1, _QUANTILES))
@@ -152,7 +152,7 @@ class LinkHealth:
 
 
 def link_health(run: Run) -> tuple[LinkHealth, ...]:
-    """All links over which agents of `run` could hear others, ascending by sender, then receiver."""
+    """Return the measurements of all links of `run`, ascending by sender, then receiver."""
     found = [
         _health(log, sender, nanoseconds(run.fleet.time.sample_time), wall=run.fleet.time.clock == "wall")
         for log in run.agents.values()
@@ -177,7 +177,7 @@ def _health(log: AgentLog, sender: int, sample_time: int, *, wall: bool) -> Link
         per_step[each.step, 1] += bool(each.lost_by)
     came = [each for each in crossings if not each.lost_by]
     latencies = [each.latency for each in crossings if each.latency is not None]
-    first, last = int(log.step[0]) * sample_time * 1e-9, float(log.acted[-1])  # of a crash sensed and acted are one
+    first, last = int(log.step[0]) * sample_time * 1e-9, float(log.acted[-1])  # equal to sensed after a crash
     instants = np.sort([first, *(each.due * 1e-9 for each in came if first < each.due * 1e-9 < last), last])
     ahead, error = _clock(log, sender) if wall else (None, None)
     return LinkHealth(
@@ -195,7 +195,7 @@ def _health(log: AgentLog, sender: int, sample_time: int, *, wall: bool) -> Link
 
 
 def _crossings(log: AgentLog, sender: int, *, wall: bool) -> Iterator[Crossing]:
-    """The messages of `sender` in the order of sending, with those that the network lost."""
+    """Yield the messages of `sender` in the order of sending, including those that the network lost."""
     away = absences(log)
     before: Crossing | None = None
     for each in log.passed:
@@ -217,9 +217,10 @@ def _crossings(log: AgentLog, sender: int, *, wall: bool) -> Iterator[Crossing]:
 
 
 def _gap(before: Crossing, after: Crossing) -> Iterator[Crossing]:
-    """The messages between two others; none where the sender was started again. One round has one number.
+    """Yield the lost messages between two others; one round has one sequence number.
 
-    Nor where there was no time for them: then a number is wrong, in a log that is damaged.
+    There are none where the sender was restarted, or where there was no time for them: then the log is damaged and a
+    number is wrong.
     """
     if (after.sequence - before.sequence) * _LEAST > after.entered - before.entered + _SLACK:
         return
@@ -232,7 +233,7 @@ def _gap(before: Crossing, after: Crossing) -> Iterator[Crossing]:
 
 
 def absences(log: AgentLog) -> tuple[int, ...]:
-    """Steps up to the last one in a log in which its agent took no part: it was dead, or did nothing but hold."""
+    """Return the steps up to the last one in a log in which its agent took no part: it was down, or only held."""
     if not len(log.step):
         return ()
     took_part = {int(step) for step, word in zip(log.step, log.stopped_by, strict=True) if word != "abstained"}
@@ -240,7 +241,7 @@ def absences(log: AgentLog) -> tuple[int, ...]:
 
 
 def _waited(due: int, log: AgentLog, sample_time: int) -> bool:
-    """Whether a message was read between the nominal begin of a step and sensing: the loop had been asleep before."""
+    """Return whether a message was read between the nominal begin of a step and sensing: before, the loop slept."""
     row = int(np.searchsorted(log.sensed, due * 1e-9 - 5e-10))
     return row < len(log.step) and due >= int(log.step[row]) * sample_time
 
@@ -251,7 +252,7 @@ def _clock(log: AgentLog, sender: int) -> tuple[float, float] | tuple[None, None
 
 
 def total_per_step(health: tuple[LinkHealth, ...]) -> npt.NDArray[np.int64]:
-    """`LinkHealth.per_step` of all links, shape (L, K, 3); 0 after the end of a receiver's log."""
+    """Return `LinkHealth.per_step` of all links, shape (L, K, 3); 0 after the end of a receiver's log."""
     table = np.zeros((len(health), max((len(each.per_step) for each in health), default=0), 3), dtype=np.int64)
     for row, each in zip(table, health, strict=True):
         row[: len(each.per_step)] = each.per_step

@@ -1,9 +1,9 @@
-"""What a central solver would have decided in every step of a run, and how far from it the agents' decisions were.
+"""Comparison of the agents' decisions with the central solution of every step of a run.
 
-The solver is OSQP, on the shares of all agents in one place (`dcf_zenoh.problems.central`); it has nothing in common
-with the distributed algorithms. The problem of a step is the one that the agents would have posed had each known the
-recorded states of all, and its answer the least sum of costs, or the variational equilibrium of a game. Where agents
-made detours, they are made here too: the oracle judges what was solved, not where it led.
+The solver is OSQP, on the shares of all agents in one place (`dcf_zenoh.problems.central`), independent of the
+distributed algorithms. The problem of a step is the one that the agents would pose if each had the recorded states of
+all. Its solution is the least sum of costs, or the variational equilibrium of a game. Detours of agents are repeated
+here: the oracle judges the solutions of the problems, not the choice of targets.
 """
 
 from collections.abc import Mapping
@@ -29,21 +29,20 @@ from dcf_zenoh.records.run import Run, spread_of
 
 @dataclass(frozen=True)
 class Oracle:
-    """A run beside the central solution, step by step: K steps, N agents in order of ids. Arrays are read-only.
+    """Comparison of a run with the central solution: K steps, N agents in order of ids. Arrays are read-only.
 
     Attributes:
-        agents: Ids.
+        agents: Ids of the agents.
         step: Step numbers, shape (K,).
-        gap: How far an agent's decision u is from the central one u*: |u - u*|, the Euclidean norm in the units of the
+        gap: Distance |u - u*| of an agent's decision u from the central one u*, the Euclidean norm in the units of the
             decision, shape (K, N). NaN where the agent has no decision, or the step no central solution.
-        plan_gap: The greatest distance, over the plan's stages, between where the agent's decision and the central one
-            would bring its body, m, shape (K, N). NaN as before, and where decisions plan no motion.
-        violation: How far the decisions of all, taken together as one vector, are beyond the constraint that they
-            violate most: the distance to its half space (to its plane if it is an equation), in the units of the
-            decision, so that scaling a constraint changes nothing. 0 if they keep them all, NaN if constraints are not
-            linear; shape (K,).
-        residual: Of each agent's last round, at which the inner iteration was stopped, shape (K, N).
-        unsolved: Step -> why there is no central solution.
+        plan_gap: Greatest distance, over the stages of the plan, between the positions planned by the agent's decision
+            and by the central one, m, shape (K, N). NaN as for `gap`, and where decisions plan no motion.
+        violation: Distance of the decisions of all, as one vector, from the half space of the constraint that they
+            violate most (from the plane of an equation), in the units of the decision; it does not depend on the scale
+            of constraints. 0 if all are kept, NaN if constraints are not linear; shape (K,).
+        residual: Residual of each agent's last round, shape (K, N).
+        unsolved: Step -> reason why there is no central solution.
     """
 
     agents: tuple[int, ...]
@@ -55,7 +54,7 @@ class Oracle:
     unsolved: Mapping[int, str]
 
     def summary(self) -> dict[str, Any]:
-        """In single numbers, over all agents and steps; None where there are none."""
+        """Return single numbers over all agents and steps; None where there are no values."""
         violation = self.violation[np.isfinite(self.violation)]
         return {
             "steps": len(self.step),
@@ -67,21 +66,21 @@ class Oracle:
         }
 
 
-STAGES_MAX = 100  # of a plan that are compared
+STAGES_MAX = 100  # stages of a plan that are compared
 
 
 class NoOracle(AlgorithmError):
-    """There is no central solution to compare with: the problem cannot be told as arrays."""
+    """There is no central solution to compare with: the problem has no method `share`."""
 
 
 def consult(run: Run) -> Oracle:
     """Solve every step of `run` in one place.
 
-    Each agent's problem starts from its recorded state; with `predict_delay` from where the body was predicted to be
-    when the setpoint acts. A step in which any agent took no part has no central solution here.
+    Each agent's problem starts from its recorded state; with `predict_delay`, from the state predicted for the instant
+    at which the setpoint acts. A step in which an agent took no part has no central solution here.
 
     Args:
-        run: Fleet file and plug-ins are taken from its directory.
+        run: The run; fleet file and plug-ins are taken from its directory.
 
     Raises:
         NoOracle: The problem has no method `share`.
@@ -128,10 +127,10 @@ def consult(run: Run) -> Oracle:
 
 
 def unsolvable(fleet: LoadedFleet) -> str | None:
-    """What the central solver says of a fleet whose problem has no solution, which no round of its agents can tell.
+    """Return the central solver's reason why the problem of a fleet has no solution, which no round can find out.
 
-    None if there is a solution, or the problem is posed anew in every step, or cannot be told as arrays. Code of others
-    is not run.
+    None if there is a solution, or if the problem is posed anew in every step or has no method `share`. Plug-ins that
+    are not part of dcf-zenoh are not run.
     """
     spec = fleet.spec
     if spec.controller_kind.kind != "solve_once" or not is_built_in("problems", spec.problem.kind):
@@ -148,14 +147,14 @@ def unsolvable(fleet: LoadedFleet) -> str | None:
 
 
 def _row(log: AgentLog, step: int) -> int | None:
-    """Where a log has `step`, if the agent came to a decision in it."""
+    """Return the row of `step` in a log; None if the agent has no decision in it."""
     rows = np.flatnonzero(log.step == step)
     decided = rows.size and log.stopped_by[rows[-1]] != "abstained" and np.isfinite(log.decision[rows[-1]]).any()
     return int(rows[-1]) if decided else None
 
 
 def _posed(run: Run, problems: Mapping[int, Any], rows: Mapping[int, int]) -> Mapping[int, Any]:
-    """What all agents would solve in one step if each knew the states of all."""
+    """Return the problems of all agents in one step, if each had the states of all."""
     if not any(hasattr(problem, "at") for problem in problems.values()):
         return problems
     delay = run.fleet.controller_kind.options.get("predict_delay", 0.0)
@@ -164,7 +163,7 @@ def _posed(run: Run, problems: Mapping[int, Any], rows: Mapping[int, int]) -> Ma
 
 
 def _ahead(problem: Any, log: AgentLog, row: int, delay: float) -> Array:
-    """The state from which the agent planned, shape (2 d,)."""
+    """Return the state from which the agent planned, shape (2 d,)."""
     state = State(*np.split(log.state[row], 2))
     if not delay:
         return state.vector
@@ -175,11 +174,11 @@ def _ahead(problem: Any, log: AgentLog, row: int, delay: float) -> Array:
 
 
 class _Detours:
-    """Where each agent aimed, step by step; see `Detour`.
+    """Aims of the agents, step by step; see `Detour`.
 
     Args:
-        run: Of its controllers' options.
-        problems: Of all agents.
+        run: The run.
+        problems: Agent -> problem, of all agents.
     """
 
     def __init__(self, run: Run, problems: Mapping[int, Any]) -> None:
@@ -190,12 +189,12 @@ class _Detours:
         self._known: dict[int, Detour] = {}
 
     def at(self, step: int) -> dict[int, Array]:
-        """Agent -> its aim in `step`; to be asked once for every step, in order."""
+        """Return agent -> aim in `step`; must be called once for every step, in order."""
         aims = {}
         for i, problem in self._problems.items():
             log = self._run.agents.get(i)
             if log is None or step not in log.step:
-                self._known.pop(i, None)  # it was dead, and begins anew
+                self._known.pop(i, None)  # it was down, and begins again
                 continue
             detour = self._known.setdefault(i, Detour(problem.target, self._run.fleet.time.sample_time))
             row = int(np.flatnonzero(log.step == step)[-1])
@@ -208,7 +207,7 @@ def _toward(problem: Any, aim: Array | None) -> Any:
 
 
 def _setpoint(row: Array) -> Setpoint:
-    """A setpoint as it was recorded."""
+    """Return a setpoint from its record."""
     position, velocity, acceleration = (part[np.isfinite(part)] for part in np.split(row, 3))
     return Setpoint(position, velocity, acceleration if acceleration.size else None)
 
@@ -220,7 +219,7 @@ def _share(posed: Any) -> Share:
 
 
 def _plan_gap(posed: Any, decision: Array, answer: Array) -> float:
-    """How far apart two decisions would bring the body, m; NaN if they plan no motion."""
+    """Return the greatest distance between the positions that two decisions plan, m; NaN if they plan no motion."""
     plan, most, stage = getattr(posed, "setpoint", lambda _decision, _stage: None), np.nan, 0
     while stage < STAGES_MAX and (one := plan(decision, stage)) and (other := plan(answer, stage)):
         most = np.fmax(most, np.linalg.norm(one.position - other.position))
@@ -229,7 +228,7 @@ def _plan_gap(posed: Any, decision: Array, answer: Array) -> float:
 
 
 def _violation(shares: Mapping[int, Share], decisions: Mapping[int, Array]) -> float:
-    """The distance of all decisions, as one vector, to the half space or plane of the constraint violated most."""
+    """Return the distance of all decisions, as one vector, from the half space or plane of the most violated one."""
     beyond = [np.maximum(each.lower - decisions[i], decisions[i] - each.upper) for i, each in shares.items()]
     coupled = {i: each for i, each in shares.items() if each.b.size}
     if coupled:
