@@ -1,4 +1,4 @@
-"""The figures of a report, one file each. Importing this imports matplotlib; daemons never do."""
+"""Figures of a report, one file each. Importing this imports matplotlib, which daemons must not do."""
 
 from collections.abc import Callable, Mapping, Sequence
 
@@ -19,4 +19,4 @@ FIGURES: Mapping[str, Callable[[Sequence[Run]], Figure | None]] = {
     "convergence": convergence,
     "decisions": decisions,
     "links": links,
-}  # name of the file -> how it is drawn; None where the runs have nothing to show
+}  # name of the file -> function; it returns None if the runs have nothing to show

@@ -1,4 +1,4 @@
-"""Variants of one fleet side by side: where they flew, and what their steps took."""
+"""Variants of one fleet side by side: their paths, and the times and rounds of their steps."""
 
 import textwrap
 from collections.abc import Mapping, Sequence
@@ -15,16 +15,16 @@ from dcf_zenoh.plant import Array
 from dcf_zenoh.records.run import Run
 
 _COLUMNS = 4
-_NAMED = 4  # variants whose boxes bear names, if these are short enough; others have numbers
+_NAMED = 4  # variants up to which boxes have names, if these are short enough; otherwise numbers
 _SHORT = 20  # characters
-_BELOW = 4.4  # height of the lower part, inches
+_BELOW = 4.4  # inches, height of the lower part
 
 
 def comparison(variants: Mapping[str, Run | str]) -> Figure | None:
-    """A panel of paths for each variant, on the same axes; below, what negotiation and computation took, and rounds.
+    """Draw the paths of each variant, on the same axes; below them times of negotiation and computation, and rounds.
 
     Args:
-        variants: Name -> run, or why there is none.
+        variants: Name -> run, or the reason why there is none.
     """
     titles = {name: f"{number}: {textwrap.fill(name, 36)}" for number, name in enumerate(variants, start=1)}
     timed = {name: found for name, found in variants.items() if isinstance(found, Run) and any(took_part(found))}
@@ -57,7 +57,7 @@ def comparison(variants: Mapping[str, Run | str]) -> Figure | None:
 
 
 def _corners(runs: Sequence[Run]) -> tuple[Array, Array]:
-    """Lower left and upper right corner of all that is drawn of all runs, m."""
+    """Return the lower left and upper right corner of the drawings of all runs, m."""
     corners = [limits(run) for run in runs] or [(np.zeros(2), np.ones(2))]
     return np.min([each[0] for each in corners], axis=0), np.max([each[1] for each in corners], axis=0)
 
@@ -74,7 +74,7 @@ def _paths(axes: Axes, title: str, found: Run | str) -> None:
 
 
 def _times(figure: Figure | SubFigure, runs: Mapping[str, Run], titles: Mapping[str, str]) -> None:
-    """Negotiation, computation and rounds of every agent-step, a box for each variant."""
+    """Draw negotiation, computation and rounds of all agent-steps, a box for each variant."""
     shown = list(runs.values())
     few = len(titles) <= _NAMED
     named = few and max(map(len, titles)) <= _SHORT

@@ -1,4 +1,4 @@
-"""How the residuals fall over the rounds of a step."""
+"""Residuals over the rounds of a step."""
 
 from collections.abc import Sequence
 
@@ -16,7 +16,7 @@ _SELECTED = 5  # steps drawn one by one
 
 
 def convergence(runs: Sequence[Run]) -> Figure | None:
-    """Residual over rounds: median and band of all agents and steps, and some steps. Needs ``log.rounds``."""
+    """Draw the residual over rounds: median and band of all agents and steps, and some steps. Needs ``log.rounds``."""
     tables = [(run, residuals(run)) for run in runs]
     shown = [(run, table) for run, table in tables if np.isfinite(table).any()]
     if not shown:
@@ -30,7 +30,7 @@ def convergence(runs: Sequence[Run]) -> Figure | None:
 
 
 def residuals(run: Run) -> Array:
-    """Own residual of every agent, step and round, shape (N, K, P); NaN where there is none, or it is 0 or infinite."""
+    """Return the residual of every agent, step and round, shape (N, K, P); NaN for none, 0 and infinity."""
     logs = [log.rounds_log for log in run.agents.values()]
     most = max((len(rounds) for log in logs for rounds in log), default=0)
     table = np.full((len(logs), max(map(len, logs)), most), np.nan)

@@ -1,4 +1,4 @@
-"""What agents without plants have computed."""
+"""Decisions of agents without plants."""
 
 from collections.abc import Sequence
 
@@ -9,11 +9,11 @@ from matplotlib.figure import Figure
 from agentd.figures.style import agent_style, flies, heading
 from dcf_zenoh.records.run import Run
 
-_FEW = 8  # components that have a legend
+_FEW = 8  # components up to which there is a legend
 
 
 def decisions(runs: Sequence[Run]) -> Figure | None:
-    """Last decision of every agent, component by component, of runs in which nothing flies."""
+    """Draw the last decision of every agent, component by component, of runs without plants."""
     shown = [run for run in runs if run.agents and not any(map(flies, run.agents.values()))]
     shown = [run for run in shown if any(log.decision.size for log in run.agents.values())]
     if not shown:

@@ -1,4 +1,4 @@
-"""The flight as a moving picture."""
+"""Animation of a flight."""
 
 from pathlib import Path
 
@@ -12,14 +12,14 @@ from agentd.figures.style import INK, agent_style, flies, heading
 from agentd.figures.trajectories import limits
 from dcf_zenoh.records.run import Run
 
-_FRAMES = 150  # at most, whatever the length of the flight
-_RATE = 20  # pictures per s at most
+_FRAMES = 150  # most pictures of an animation
+_RATE = 20  # most pictures per s
 _DPI = 80
-_LAST = 1.0  # s for which the last picture stays
+_LAST = 1.0  # s, duration of the last picture
 
 
 def write_flight(run: Run, path: Path) -> bool:
-    """Write a GIF of the flight, in real time where that takes few enough pictures; False if nothing flies.
+    """Write a GIF of the flight, in real time if that takes few enough pictures; return False if nothing flies.
 
     Raises:
         OSError: The file cannot be written.
@@ -61,5 +61,5 @@ def write_flight(run: Run, path: Path) -> bool:
                     region.set(xy=corners, visible=True)
             title.set_text(f"{heading(run)}\n{instant * sample_time:.1f} s")
             writer.grab_frame()
-            figure.set_layout_engine("none")  # as it is in the first picture
+            figure.set_layout_engine("none")  # keep the layout of the first picture
     return True

@@ -1,4 +1,4 @@
-"""How well the links did, and what it did to the run."""
+"""Loss and latency of the links, over time next to the separation of the agents."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -16,13 +16,13 @@ from dcf_zenoh.plant import Array
 from dcf_zenoh.records.run import Run
 
 _MANY = 12  # agents beyond which the cells have no numbers
-_LEVELS = 4  # of names beside one another, so that none hides another
+_LEVELS = 4  # heights of names, so that none hides another
 _PALE = {RED: "#fff5ee", BLUE: "#f0f6fb"}
 
 
 @dataclass(frozen=True)
 class _Window:
-    """A time in which something was wrong: begin and end in s, what, and its colour."""
+    """Interval with a disturbance: begin and end in s, text and colour."""
 
     begin: float
     end: float
@@ -31,9 +31,9 @@ class _Window:
 
 
 def links(runs: Sequence[Run]) -> Figure | None:
-    """Loss and latency of every link; over time what was lost or late, with the least barrier value below it.
+    """Draw loss and latency of every link; over time lost and late messages, and below them the least barrier value.
 
-    Of runs in which something was recorded of single messages: with faults on links, or on the wall clock.
+    Only runs whose logs record single messages are drawn: with faults on links, or on the wall clock.
     """
     measured = [(run, link_health(run)) for run in runs]
     shown = [(run, health) for run, health in measured if any(each.recorded for each in health)]
@@ -104,7 +104,7 @@ def _matrix(
     most: float,
     colour: str,
 ) -> None:
-    """Sender down, receiver across; where there is no link, or nothing came over it, the cell is grey."""
+    """Draw a table with a row per sender and a column per receiver; a cell without a value is grey."""
     ids = run.fleet.ids
     place = {agent: index for index, agent in enumerate(ids)}
     table = np.full((len(ids), len(ids)), np.nan)
@@ -128,7 +128,7 @@ def _matrix(
 
 
 def _shares(axes: Axes, run: Run, health: Sequence[LinkHealth], windows: Sequence[_Window]) -> None:
-    """Messages lost and late per step, of all links together and of the worst."""
+    """Draw the messages lost and late per step, of all links together and of the worst link."""
     table = total_per_step(tuple(health))
     time = np.arange(table.shape[1]) * run.fleet.time.sample_time
     sent = table[..., 0].sum(axis=0)
@@ -142,7 +142,7 @@ def _shares(axes: Axes, run: Run, health: Sequence[LinkHealth], windows: Sequenc
             time, lost, lost + late, step="post", color=SKY, alpha=0.75, linewidth=0, label="late, all links"
         )
     axes.set_ylabel("messages per step, %")
-    room = 1.1 + 0.13 * min(len(windows), _LEVELS)  # for their names
+    room = 1.1 + 0.13 * min(len(windows), _LEVELS)  # for the names of the windows
     axes.set_ylim(0, room * max(1.0, float(worst.max(initial=0.0))))
     axes.yaxis.set_major_locator(MaxNLocator(4, steps=[1, 2.5, 5, 10]))
     axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}" if value <= 100 else "")
@@ -156,7 +156,7 @@ def _percent(part: Any, whole: Any) -> Array:
 
 
 def _closeness(axes: Axes, run: Run, windows: Sequence[_Window]) -> None:
-    """Least barrier value, or distance where there is no safety region, of all pairs."""
+    """Draw the least barrier value of all pairs, or the least distance where there is no safety region."""
     values = run.barriers if run.barriers.size else run.distances
     axes.set_ylabel("least barrier h" if run.barriers.size else "least distance in m")
     if not values.size:
@@ -210,7 +210,7 @@ def _shade(axes: Axes, windows: Sequence[_Window], *, named: bool = True) -> Non
 
 
 def _windows(run: Run) -> Iterator[_Window]:
-    """When faults acted that do not act always, what operators changed, and who was absent."""
+    """Yield the intervals of temporary faults and of absences, and the instants at which operators changed faults."""
     t = run.fleet.time.sample_time
     end = max((float(log.acted[-1]) for log in run.agents.values() if len(log.step)), default=0.0)
     for rule in run.fleet.faults.rules:
@@ -230,7 +230,7 @@ def _windows(run: Run) -> Iterator[_Window]:
                 yield _Window(step * t, (last + 1) * t, f"agent {agent} absent", GREY)
         if len(log.step) and (log.step[-1] + 1) * t < end - t:
             yield _Window((int(log.step[-1]) + 1) * t, end, f"agent {agent} absent", GREY)
-    told = sorted(
+    changed = sorted(
         {
             round(event["time"] * 1e-9 / t) * t
             for log in run.agents.values()
@@ -238,5 +238,5 @@ def _windows(run: Run) -> Iterator[_Window]:
             if event["event"] not in ("crashed", "restarted", "joined")
         }
     )
-    for instant in told:
+    for instant in changed:
         yield _Window(instant, instant, "faults changed", ORANGE)

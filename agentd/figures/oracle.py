@@ -1,4 +1,4 @@
-"""How far the decisions were from those of a central solver, and what they were stopped at."""
+"""Distance of the decisions from those of a central solver, and the residual at which they stopped."""
 
 from collections.abc import Sequence
 
@@ -11,12 +11,12 @@ from dcf_zenoh.analysis.oracle import Oracle
 from dcf_zenoh.plant import Array
 from dcf_zenoh.records.run import Run
 
-_FEW = 12  # agents that have a legend
-_LEAST = 1e-9  # what is smaller is drawn here: the accuracy of the central solver
+_FEW = 12  # agents up to which there is a legend
+_LEAST = 1e-9  # smaller values are drawn here: the accuracy of the central solver
 
 
 def oracle(runs: Sequence[Run], found: Sequence[Oracle]) -> Figure | None:
-    """Gap, constraint violation and last residual over time, a column per run; None without steps to compare."""
+    """Draw gap, constraint violation and last residual over time, a column per run; None without steps to compare."""
     pairs = zip(runs, found, strict=True)
     shown = [(run, each) for run, each in pairs if len(each.step) > 1 and np.isfinite(each.gap).any()]
     if not shown:
@@ -48,12 +48,12 @@ def oracle(runs: Sequence[Run], found: Sequence[Oracle]) -> Figure | None:
 
 
 def _distances(found: Oracle) -> Array:
-    """Between plans, m, or where none is a motion between decisions, shape (K, N)."""
+    """Return the distances between plans, m, or between decisions if they plan no motion, shape (K, N)."""
     return found.plan_gap if np.isfinite(found.plan_gap).any() else found.gap
 
 
 def _agents(axes: Axes, time: Array, values: Array, agents: Sequence[int]) -> None:
-    """One line per agent; the median and the range where they are many."""
+    """Draw one line per agent; median and range if there are many."""
     drawn = np.where(np.isfinite(values) & (values > 0), values, np.nan)
     if len(agents) <= _FEW:
         for place, agent in enumerate(agents):

@@ -1,4 +1,4 @@
-"""How near the agents came to each other, how safe that was, and what it took to agree."""
+"""Distances and barrier values of the agents, and rounds per step."""
 
 from collections.abc import Sequence
 
@@ -10,11 +10,11 @@ from agentd.figures.style import BLUE, GREEN, GREY, INK, ORANGE, RED, flies, hea
 from dcf_zenoh.plant import Array
 from dcf_zenoh.records.run import Run
 
-_FEW = 15  # pairs that are drawn one by one
+_FEW = 15  # pairs up to which each is drawn
 
 
 def separation(runs: Sequence[Run]) -> Figure | None:
-    """Distance and barrier value over time, least and per pair; rounds per step below. A column per run."""
+    """Draw distance and barrier value over time, least and per pair, and rounds per step; a column per run."""
     flown = [run for run in runs if any(map(flies, run.agents.values()))]
     if not flown:
         return None
@@ -65,7 +65,7 @@ def _barriers(axes: Axes, run: Run) -> None:
 
 
 def _reach(run: Run) -> float | None:
-    """Radius of the largest circle that is in the safety region of every agent, m; None if there is none to draw."""
+    """Return the radius of the largest circle in the safety regions of all agents, m; None if none can be drawn."""
     centre = np.zeros(2)
     outlines = [run.geometry.outline(agent, centre) for agent in run.agents]
     circles = [_inner_radius(each) for each in outlines if each is not None]
@@ -73,7 +73,7 @@ def _reach(run: Run) -> float | None:
 
 
 def _inner_radius(corners: Array) -> float:
-    """Distance from the origin to the nearest point of a polygon with these corners, shape (corners, 2)."""
+    """Return the distance from the origin to the boundary of a polygon with these corners, shape (corners, 2)."""
     edges = np.roll(corners, -1, axis=0) - corners
     lengths = np.maximum((edges**2).sum(axis=1), np.finfo(float).tiny)
     share = np.clip(-(corners * edges).sum(axis=1) / lengths, 0.0, 1.0)
@@ -81,7 +81,7 @@ def _inner_radius(corners: Array) -> float:
 
 
 def _pairs(axes: Axes, run: Run, values: Array, unit: str) -> None:
-    """Every pair where they are few, their range where they are many, and the least of all."""
+    """Draw every pair if they are few, their range if they are many, and the least of all."""
     if not values.size:
         return
     least = values.min(axis=1)
@@ -102,7 +102,7 @@ def _pairs(axes: Axes, run: Run, values: Array, unit: str) -> None:
 
 
 def _rounds(axes: Axes, run: Run) -> None:
-    """Most and fewest rounds of any agent, and the steps that did not end by agreement."""
+    """Draw the most and fewest rounds of any agent, and mark the steps that did not end by agreement."""
     logs = [log for log in run.agents.values() if len(log.step)]
     table = np.full((len(logs), 1 + max(log.step[-1] for log in logs)), np.nan)
     for row, log in zip(table, logs, strict=True):

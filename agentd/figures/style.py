@@ -1,4 +1,4 @@
-"""What all figures share: fonts, colours, what is written above a run."""
+"""Common style of all figures: fonts, colours, headings."""
 
 import textwrap
 from typing import Any
@@ -7,7 +7,7 @@ from dcf_zenoh.message import Last
 from dcf_zenoh.records.agent_log import AgentLog
 from dcf_zenoh.records.run import Run
 
-STYLE: Any = {  # not a dict for the type checker: matplotlib lists every key there is in its type
+STYLE: Any = {  # typed as Any, because the type of matplotlib lists every possible key
     "axes.axisbelow": True,
     "axes.grid": True,
     "axes.labelsize": 11,
@@ -26,17 +26,17 @@ STYLE: Any = {  # not a dict for the type checker: matplotlib lists every key th
     "savefig.dpi": 160,
 }
 
-# Okabe and Ito's colours, told apart with any kind of colour vision; yellow left out, it is faint on white.
+# Colours of Okabe and Ito, distinct with any kind of colour vision; without yellow, which is faint on white.
 BLUE, ORANGE, GREEN, RED, PINK, SKY = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#56B4E9"
 INK, GREY = "#222222", "#8a8a8a"
 _COLOURS = (BLUE, ORANGE, GREEN, RED, PINK, SKY)
 _DASHES = ("-", "--", ":", "-.")
-_NAMED = 3  # agents that are named one by one if they did not come to their planned end
+_NAMED = 3  # agents that a heading names if they did not reach their planned end
 _PLANNED = tuple(last.name.lower() for last in (Last.DONE, Last.ARRIVED))
 
 
 def agent_style(place: int) -> dict[str, Any]:
-    """Colour and dashes of the agent at `place`, different for the first 24."""
+    """Return colour and dashes of the agent at `place`, different for the first 24."""
     return {
         "color": _COLOURS[place % len(_COLOURS)],
         "linestyle": _DASHES[place // len(_COLOURS) % len(_DASHES)],
@@ -44,12 +44,12 @@ def agent_style(place: int) -> dict[str, Any]:
 
 
 def flies(log: AgentLog) -> bool:
-    """Whether the agent has a body and a recorded step."""
+    """Return whether the agent has a body and a recorded step."""
     return bool(len(log.step)) and log.path.shape[1] >= 2
 
 
 def heading(run: Run) -> str:
-    """Fleet, run, topology, clock; and which agents did not come to their planned end."""
+    """Return a heading: fleet, run, topology, clock, and the agents that did not reach their planned end."""
     lines = [run.fleet.name] if run.fleet.name == run.name else [f"{run.fleet.name}, {run.name}"]
     lines.append(f"{run.fleet.topology.kind} topology, {run.fleet.time.clock} clock")
     if early := _early(run):
@@ -59,7 +59,7 @@ def heading(run: Run) -> str:
 
 
 def _early(run: Run) -> list[str]:
-    """Agents that did not come to their planned end, how they ended and when."""
+    """Return the agents that did not reach their planned end, with how and when they ended."""
     found = []
     for agent in run.fleet.ids:
         log = run.agents.get(agent)

@@ -1,4 +1,4 @@
-"""A sweep: how runs change with what is varied, over many seeds."""
+"""Measures of the runs of a sweep over the varied quantities, for many seeds."""
 
 from collections.abc import Mapping, Sequence
 from itertools import product
@@ -21,14 +21,14 @@ PANELS = {  # column -> label
 
 
 def sweep(rows: Rows, axes: Mapping[str, Sequence[str]]) -> Figure | None:
-    """A panel for each measure that there is, over the first quantity whose values are numbers.
+    """Draw a panel for each measure that has values, over the first quantity whose values are numbers.
 
-    Lines are medians over the seeds, shades reach from the first to the third quartile. There is a line for each
+    Lines are medians over the seeds; shades reach from the first to the third quartile. There is a line for each
     combination of the other quantities.
 
     Args:
-        rows: Of the table, those that failed left out.
-        axes: What is varied -> its values, in order.
+        rows: Rows of the table; failed ones are left out.
+        axes: Varied key -> values, in order.
     """
     finished = [row for row in rows if not row["failed"]]
     across = next((key for key, values in axes.items() if len(values) > 1 and all(map(_is_number, values))), None)
@@ -60,7 +60,7 @@ def sweep(rows: Rows, axes: Mapping[str, Sequence[str]]) -> Figure | None:
 
 
 def _line(panel: Axes, rows: Rows, across: str, name: str, label: str, place: int) -> None:
-    """One line, with its interval."""
+    """Draw one line, with its interval."""
     points: dict[float, list[float]] = {}
     for row in rows:
         if (value := _value(row, name)) is not None:

@@ -16,7 +16,7 @@ _WIDE = 25.0  # ratio of the largest value to the least median beyond which the 
 
 
 def times(runs: Sequence[Run]) -> Figure | None:
-    """Time per step and agent in negotiation and in the algorithm, a box per run, against the budget."""
+    """Draw the time per step and agent in negotiation and in the algorithm, a box per run, with the budget."""
     shown = [run for run in runs if any(took_part(run))]
     if not shown:
         return None
@@ -35,22 +35,22 @@ def times(runs: Sequence[Run]) -> Figure | None:
 
 
 def took_part(run: Run) -> list[bool]:
-    """Which agent-steps were negotiated, all agents' steps in a row; in the others there was nothing to time."""
+    """Return for each step of each agent, in one list, whether it was negotiated; the other steps have no times."""
     return [word != "abstained" for log in run.agents.values() for word in log.stopped_by]
 
 
 def kind_of_time(runs: Sequence[Run]) -> str:
-    """``, model time`` where that is so of all `runs`."""
+    """Return ``, model time`` if all `runs` are in virtual time, else an empty text."""
     return ", model time" if {run.fleet.time.clock for run in runs} == {"virtual"} else ""
 
 
 def budgets(runs: Sequence[Run]) -> list[float]:
-    """What each run has for the rounds of a step, ms."""
+    """Return the budget of each run for the rounds of a step, ms."""
     return [run.fleet.exchange.step_budget(run.fleet.time.sample_time) * 1e3 for run in runs]
 
 
 def milliseconds(run: Run, quantity: str) -> Array:
-    """Times of all negotiated agent-steps, ms."""
+    """Return the times of all negotiated agent-steps, ms."""
     every: Array = np.concatenate([getattr(log, quantity) for log in run.agents.values()])
     return every[took_part(run)] * 1e3
 
@@ -65,7 +65,7 @@ def boxes(
     allowed: Sequence[float] = (),
     words: bool = True,
 ) -> None:
-    """A box for each of `values`, in words its median and maximum, and what each was `allowed` as a line."""
+    """Draw a box for each of `values`, with its median and maximum as text, and the `allowed` value as a line."""
     axes.boxplot(
         list(values),
         tick_labels=list(labels),
@@ -93,7 +93,7 @@ def boxes(
 
 
 def _label(run: Run) -> str:
-    """Which run, of how many steps, and what is not in its boxes."""
+    """Return a label: the run, the number of its steps, and the steps left out."""
     taken = took_part(run)
     late = sum(int(log.late.sum()) for log in run.agents.values())
     lines = [textwrap.fill(run.name, 20), f"{run.fleet.topology.kind}, {run.fleet.time.clock} clock"]
@@ -104,7 +104,7 @@ def _label(run: Run) -> str:
 
 
 def boxes_key() -> list[Line2D]:
-    """Legend of boxes."""
+    """Return the legend of boxes."""
     return [
         Line2D([], [], color=RED, linestyle="--", linewidth=1.6, label="budget of a step"),
         Line2D([], [], color=INK, linewidth=1.8, label="median; box: quartiles; whiskers: up to 1.5 box lengths"),

@@ -1,4 +1,4 @@
-"""The paper's first figure: the agents' paths in the plane."""
+"""Paths of the agents in the plane, the paper's first figure."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -19,7 +19,7 @@ _ARENA: Any = {"fill": False, "edgecolor": RED, "linestyle": (0, (6, 3)), "linew
 
 
 def trajectories(runs: Sequence[Run]) -> Figure | None:
-    """Paths, starts, ends and targets, and the safety regions at the instant of the closest approach."""
+    """Draw paths, starts, ends and targets, and the safety regions at the instant of the closest approach."""
     flown = [run for run in runs if any(map(flies, run.agents.values()))]
     if not flown:
         return None
@@ -42,7 +42,7 @@ def trajectories(runs: Sequence[Run]) -> Figure | None:
 
 
 def limits(run: Run) -> tuple[Array, Array]:
-    """Lower left and upper right corner of all that is drawn of a run, m."""
+    """Return the lower left and upper right corner of the drawing of a run, m."""
     points = [log.path[:, :2] for log in run.agents.values() if flies(log)]
     points += [target[None, :2] for target in run.targets.values()]
     points += run.geometry.obstacles
@@ -53,7 +53,7 @@ def limits(run: Run) -> tuple[Array, Array]:
 
 
 def draw_paths(axes: Axes, run: Run, title: str) -> None:
-    """One run: everybody's path, and what was safe at the closest approach, which is added to `title`."""
+    """Draw one run: the paths, and the safety regions at the closest approach, which is added to `title`."""
     instant, regions = _closest(run), _regions(run)
     for corners in run.geometry.obstacles:
         axes.add_patch(Polygon(corners, **_OBSTACLE, zorder=1))
@@ -80,7 +80,7 @@ def draw_paths(axes: Axes, run: Run, title: str) -> None:
                 Polygon(corners, closed=True, fill=False, edgecolor=style["color"], linewidth=0.9, alpha=0.8, zorder=2)
             )
     axes.set_aspect("equal")
-    axes.tick_params(labelbottom=True)  # also above the empty place of a last row
+    axes.tick_params(labelbottom=True)  # also above an empty panel of the last row
     axes.set_xlabel("x in m")
     if instant is not None:
         what, value, unit = _least(run, instant)
@@ -89,13 +89,13 @@ def draw_paths(axes: Axes, run: Run, title: str) -> None:
 
 
 def _closest(run: Run) -> int | None:
-    """Step of the closest approach: the least barrier value, or distance where there is no safety region."""
+    """Return the step with the least barrier value, or the least distance where there is no safety region."""
     gaps = run.barriers if run.barriers.size else run.distances
     return int(gaps.min(axis=1).argmin()) if gaps.size else None
 
 
 def _regions(run: Run) -> dict[int, Array]:
-    """Agent -> corners of its safety region at the closest approach, shape (corners, 2), m, where they are known."""
+    """Return agent -> corners of its safety region at the closest approach, shape (corners, 2), m, if known."""
     instant = _closest(run)
     if instant is None:
         return {}
@@ -110,10 +110,12 @@ def _least(run: Run, instant: int) -> tuple[str, float, str]:
 
 
 def _name(axes: Axes, agent: int, path: Array, colour: str) -> None:
-    """Write the id beside the start, on the side the path does not leave to."""
+    """Write the id next to the start, on the side opposite to the path."""
     away = path[0, :2] - path[min(len(path) - 1, 5), :2]
     away = away / np.hypot(*away) if np.hypot(*away) > 1e-6 else np.array([0.0, 1.0])
-    away = away + 0.8 * np.array([away[1], -away[0]])  # beside the target of whoever comes from over there
+    away = away + 0.8 * np.array(
+        [away[1], -away[0]]
+    )  # aside, because the target of another agent may be behind the start
     axes.annotate(
         str(agent), (path[0, 0], path[0, 1]), xytext=(12 * away[0], 12 * away[1]), textcoords="offset points",
         ha="center", va="center", color=colour, fontweight="bold", fontsize=11, zorder=6,
@@ -121,7 +123,7 @@ def _name(axes: Axes, agent: int, path: Array, colour: str) -> None:
 
 
 def paths_key(runs: Sequence[Run]) -> list[Line2D | Patch]:
-    """Legend of paths in neutral colour: the agents are named in the picture."""
+    """Return the legend of paths in a neutral colour, because the picture names the agents."""
     key: list[Line2D | Patch] = [
         Line2D([], [], color=GREY, marker="s", markersize=7, linewidth=1.8, label="start and path"),
         Line2D([], [], color=GREY, marker="o", markersize=11, markerfacecolor="none", linestyle="", label="end"),

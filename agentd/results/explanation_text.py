@@ -1,4 +1,4 @@
-"""The explanation of a closest approach, in words."""
+"""Text of the explanation of a closest approach."""
 
 from collections.abc import Iterable, Iterator, Sequence
 
@@ -12,14 +12,14 @@ _ENDS = {
     "rounds": "was out of rounds",
     "budget": "was out of time",
 }
-_ALIKE = 0.01  # of the barrier, or m: a replay that comes so near to the run makes no difference
+_ALIKE = 0.01  # of the barrier, or m; a smaller difference between replay and run does not count
 
 
 def why_lines(run: Run, found: Explanation) -> Iterator[str]:
-    """The text, line by line.
+    """Yield the text, line by line.
 
     Args:
-        run: What is explained.
+        run: The run.
         found: Its explanation.
     """
     sample_time = run.fleet.time.sample_time
@@ -169,7 +169,7 @@ def _unit(found: Explanation) -> str:
 
 
 def _ranges(numbers: Iterable[int]) -> str:
-    """Ascending numbers, neighbours joined: 3, 7–9."""
+    """Return ascending numbers as text, with ranges: 3, 7–9."""
     runs: list[list[int]] = []
     for number in sorted(numbers):
         if runs and number == runs[-1][-1] + 1:

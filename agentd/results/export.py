@@ -1,4 +1,4 @@
-"""A run as a file for other programs."""
+"""Export of a run as a file for other programs."""
 
 import csv
 import io
@@ -23,7 +23,7 @@ def export(run: Run, fmt: str, out: Path | None = None) -> Path:
 
     ========  ==========================================================================================
     ``csv``   One row per agent and step, columns named with their units where these are not SI; empty where an
-              agent has nothing of the kind, ``nan`` for what is not a number.
+              agent does not have the quantity, ``nan`` for NaN.
     ``npz``   Arrays ``agent_<id>_<quantity>`` and ``agents``, ``sample_time``; loads without pickle.
     ``mat``   For MATLAB: a struct ``agent_<id>`` per agent, and ``agents``, ``sample_time``, ``fleet``, ``run``.
     ========  ==========================================================================================
@@ -33,14 +33,14 @@ def export(run: Run, fmt: str, out: Path | None = None) -> Path:
     Args:
         run: The run.
         fmt: ``csv``, ``npz`` or ``mat``.
-        out: Must not be there yet. None: the run's name, in the working directory.
+        out: New file. None: the run's name, in the working directory.
 
     Returns:
         The file written.
 
     Raises:
         ConfigurationError: There is no such format.
-        RecordingError: `out` is there already, or cannot be written.
+        RecordingError: `out` exists, or cannot be written.
     """
     writers = {"csv": _csv, "npz": _npz, "mat": _mat}
     if fmt not in writers:
@@ -58,7 +58,7 @@ def export(run: Run, fmt: str, out: Path | None = None) -> Path:
 
 def _csv(run: Run, stream: BinaryIO) -> None:
     rows = [row for log in run.agents.values() for row in _steps(log)]
-    widest: dict[str, object] = max(rows, key=len, default={})  # in its order, then what only others have
+    widest: dict[str, object] = max(rows, key=len, default={})  # first the columns of the widest row, in its order
     names = dict.fromkeys([*widest, *(name for row in rows for name in row)])
     text = io.TextIOWrapper(stream, encoding="utf-8", newline="", write_through=True)
     table = csv.DictWriter(text, list(names))
@@ -68,7 +68,7 @@ def _csv(run: Run, stream: BinaryIO) -> None:
 
 
 def _steps(log: AgentLog) -> Iterator[dict[str, object]]:
-    """One agent's rows."""
+    """Yield the rows of one agent."""
     d = log.state.shape[1] // 2
     state = _names(("p", "v"), d, log.state.shape[1], "state")
     setpoint = _names(("p_set_", "v_set_", "a"), d, log.setpoint.shape[1], "setpoint")
@@ -95,14 +95,14 @@ def _steps(log: AgentLog) -> Iterator[dict[str, object]]:
 
 
 def _names(stems: tuple[str, ...], dimensions: int, width: int, otherwise: str) -> list[str]:
-    """``px, py, vx, vy``; numbers where the width tells of something else."""
+    """Return names such as ``px, py, vx, vy``; numbered ones if the width is not that of positions in space."""
     if width == len(stems) * dimensions <= len(stems) * len(_AXES):
         return [stem + axis for stem in stems for axis in _AXES[:dimensions]]
     return [f"{otherwise}_{n}" for n in range(width)]
 
 
 def _quantities(log: AgentLog) -> dict[str, npt.NDArray[Any]]:
-    """All arrays of one agent, by name."""
+    """Return all arrays of one agent, by name."""
     names = ("step", "sensed", "state", "acted", "setpoint", "decision", "rounds", "residual", "late", "compute",
              "negotiation", "path")  # fmt: skip
     arrays: dict[str, npt.NDArray[Any]] = {name: getattr(log, name) for name in names}

@@ -1,4 +1,4 @@
-"""What links did, as rules of a fleet file that make links do it again."""
+"""Measured loss and latency of links, as fault rules of a fleet file that reproduce them."""
 
 import sys
 from collections.abc import Collection, Iterable, Sequence
@@ -15,8 +15,8 @@ from dcf_zenoh.faults.profile import write_profile
 from dcf_zenoh.graph import Graph
 from dcf_zenoh.records.run import Run
 
-_DECIMALS = 4  # of mean lengths of bursts
-_MOST_LOSS = 0.9999  # by bursts
+_DECIMALS = 4  # decimals of mean lengths of bursts
+_MOST_LOSS = 0.9999  # largest loss by bursts
 
 Rule: TypeAlias = dict[str, Any]
 Link: TypeAlias = tuple[int, int]
@@ -24,12 +24,12 @@ Ids: TypeAlias = tuple[int, ...] | None
 
 
 def export_links(run: Run, health: Sequence[LinkHealth], file: Path) -> str:
-    """Write the profile of a run, say so, and give the lines with which a fleet file without faults replays it.
+    """Write the profile of a run, report it on standard error, and return lines of a fleet file that reproduce it.
 
     Args:
-        run: Where it was measured.
-        health: What was measured.
-        file: The profile, for the latencies. It is not written if there are none.
+        run: The run.
+        health: Measurements of its links.
+        file: File of the profile, for the latencies. It is not written if there are none.
 
     Raises:
         RecordingError: Nothing was measured, or the file cannot be written.
@@ -62,7 +62,7 @@ def export_links(run: Run, health: Sequence[LinkHealth], file: Path) -> str:
 
 
 def replay_rules(health: Iterable[LinkHealth], file: Path, graph: Graph) -> list[Rule]:
-    """The rules: for each link at most one with its latency and one with its loss, none for what was not measured."""
+    """Return the rules: for each link at most one for latency and one for loss, none for what was not measured."""
     delayed: list[Link] = []
     lossy: dict[tuple[float, float], list[Link]] = {}
     for each in health:
@@ -79,7 +79,7 @@ def replay_rules(health: Iterable[LinkHealth], file: Path, graph: Graph) -> list
 
 
 def _loss(health: LinkHealth) -> tuple[float, float]:
-    """Share of lost messages and mean length of bursts; 1 and 0 where nothing came, however many there were."""
+    """Return the share of lost messages and the mean length of bursts; 1 and 0 if no message was received."""
     lost = sum(health.lost.values())
     if lost == health.sent:
         return 1.0, 0.0
@@ -90,7 +90,7 @@ def _loss(health: LinkHealth) -> tuple[float, float]:
 
 
 def _rules(fault: dict[str, Any], links: Collection[Link], graph: Graph) -> list[Rule]:
-    """Rules that give a fault to just these links of a graph, once to each."""
+    """Return rules that give a fault to exactly these links of a graph, once to each."""
     return [
         {key: short_ids(ids) for key, ids in (("from", senders), ("to", receivers)) if ids is not None} | fault
         for senders, receivers in _covers(links, graph)
@@ -98,7 +98,7 @@ def _rules(fault: dict[str, Any], links: Collection[Link], graph: Graph) -> list
 
 
 def _covers(links: Collection[Link], graph: Graph) -> list[tuple[Ids, Ids]]:
-    """Senders and receivers between which there are, taken together, just these links; None: all."""
+    """Return pairs of senders and receivers that cover exactly these links of a graph; None: all agents."""
     if set(links) == graph.links:
         return [(None, None)]
     by_senders = _grouped(links, graph.links)
@@ -107,7 +107,7 @@ def _covers(links: Collection[Link], graph: Graph) -> list[tuple[Ids, Ids]]:
 
 
 def _grouped(links: Iterable[Link], known: Iterable[Link]) -> list[tuple[Ids, Ids]]:
-    """The agents at the first ends, those together that have the same agents at the other end; None: all `known`."""
+    """Return the first ends of links, grouped by the agents at the other ends; None: all of the `known` ones."""
     there = _by_first(known)
     alike: dict[Ids, list[int]] = {}
     for agent, others in _by_first(links).items():
@@ -116,7 +116,7 @@ def _grouped(links: Iterable[Link], known: Iterable[Link]) -> list[tuple[Ids, Id
 
 
 def _length(covers: Collection[tuple[Ids, Ids]]) -> tuple[int, int]:
-    """How many rules these make, and how many ids there are in them."""
+    """Return the number of rules, and of ids in them."""
     return len(covers), sum(len(ids or ()) for ends in covers for ids in ends)
 
 

@@ -1,4 +1,4 @@
-"""How well the links of a run did, for people and for programs."""
+"""Measurements of the links of a run, as a table and as an object for programs."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -12,12 +12,12 @@ from dcf_zenoh.records.run import Run
 
 
 def title(run: Run, health: Sequence[LinkHealth]) -> str:
-    """What stands above the table."""
+    """Return the title of the table."""
     return f"{run.fleet.name}, {run.name}: {len(health)} links, {run.fleet.time.clock} clock"
 
 
 def links_table(health: Sequence[LinkHealth]) -> Table:
-    """What `link_health` found, a row for each link; columns in which there is nothing are left out."""
+    """Return a table of measurements, a row for each link; empty columns are left out."""
     table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
     columns: list[tuple[str, list[str], bool]] = [
         ("link", [f"{each.sender} → {each.receiver}" for each in health], True),
@@ -44,7 +44,7 @@ def links_table(health: Sequence[LinkHealth]) -> Table:
 
 
 def remark(run: Run, health: Sequence[LinkHealth]) -> str:
-    """How the numbers are to be read; empty if there is nothing to say."""
+    """Return a remark on how to read the numbers; empty if none is needed."""
     if run.fleet.time.clock == "wall":
         return (
             "A message is there when the receiver's loop has read it: latencies include waiting for the loop, and those"
@@ -59,7 +59,7 @@ def remark(run: Run, health: Sequence[LinkHealth]) -> str:
 
 
 def links_object(run: Run, health: Sequence[LinkHealth]) -> dict[str, Any]:
-    """The same for programs. Times in s; null where nothing is known."""
+    """Return the measurements for programs. Times are in s; None where they are not known."""
     return {
         "fleet": run.fleet.name,
         "run": run.name,

@@ -1,4 +1,4 @@
-"""What the oracle found, for people and for programs."""
+"""Table of the comparison with the central solution."""
 
 from collections import Counter
 from typing import Any
@@ -11,7 +11,7 @@ from dcf_zenoh.records.run import Run
 
 
 def oracle_table(run: Run, found: Oracle) -> Table:
-    """The numbers of a run, and why some steps have none."""
+    """Return a table of the numbers of a run, and the reasons for steps without numbers."""
     table = Table(title=f"{run.name}: beside the central solution", title_justify="left", show_header=False,
                   box=box.SIMPLE_HEAD)  # fmt: skip
     table.add_column(style="bold")

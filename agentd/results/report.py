@@ -1,4 +1,4 @@
-"""The report of one run, or of several side by side: figures as PNG and PDF, the flight as GIF."""
+"""Report of one run, or of several side by side: figures as PNG and PDF, the flight as GIF."""
 
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
@@ -15,11 +15,11 @@ if TYPE_CHECKING:
 
 
 def write_report(runs: Sequence[Run], folder: Path, *, animate: bool = False) -> list[Path]:
-    """Draw all figures for which the runs have something to show; older ones in `folder` are replaced.
+    """Draw all figures for which the runs have data; existing ones in `folder` are replaced.
 
     Args:
-        runs: Shown side by side, in this order.
-        folder: Made if it is not there.
+        runs: Runs to show side by side, in this order.
+        folder: Directory of the files; it is created if needed.
         animate: Also write a GIF of every flight.
 
     Returns:
@@ -28,7 +28,7 @@ def write_report(runs: Sequence[Run], folder: Path, *, animate: bool = False) ->
     Raises:
         RecordingError: `folder` cannot be written.
     """
-    # Here and nowhere else, so that daemons never import matplotlib.
+    # Imported here, so that daemons do not import matplotlib.
     from matplotlib import rc_context  # noqa: PLC0415
 
     from agentd.figures import FIGURES  # noqa: PLC0415
@@ -53,8 +53,8 @@ def write_comparison(variants: Mapping[str, Run | str], folder: Path) -> list[Pa
     """Draw variants of a fleet side by side, as ``comparison.png`` and ``comparison.pdf``.
 
     Args:
-        variants: Name -> run, or why there is none.
-        folder: Where.
+        variants: Name -> run, or the reason why there is none.
+        folder: Directory of the files.
 
     Returns:
         The files written; none if there is nothing to show.
@@ -71,9 +71,9 @@ def write_sweep(rows: Sequence[Mapping[str, Any]], axes: Mapping[str, Sequence[s
     """Draw a sweep, as ``sweep.png`` and ``sweep.pdf``.
 
     Args:
-        rows: Of its table.
-        axes: What is varied -> its values.
-        folder: Where.
+        rows: Rows of its table.
+        axes: Varied key -> values.
+        folder: Directory of the files.
 
     Returns:
         The files written; none if no varied quantity is a number.
@@ -87,12 +87,12 @@ def write_sweep(rows: Sequence[Mapping[str, Any]], axes: Mapping[str, Sequence[s
 
 
 def write_oracle(runs: Sequence[Run], judged: "Sequence[Oracle]", folder: Path) -> list[Path]:
-    """Draw runs beside their central solutions, as ``oracle.png`` and ``oracle.pdf``.
+    """Draw runs and their central solutions, as ``oracle.png`` and ``oracle.pdf``.
 
     Args:
         runs: Shown side by side.
-        judged: What the oracle says of each.
-        folder: Where.
+        judged: Comparison of each run with the central solution.
+        folder: Directory of the files.
 
     Returns:
         The files written; none if no step could be compared.
@@ -106,7 +106,7 @@ def write_oracle(runs: Sequence[Run], judged: "Sequence[Oracle]", folder: Path) 
 
 
 def _drawn(draw: "Callable[[], Figure | None]", folder: Path, name: str) -> list[Path]:
-    """Draw one figure in the style of all, and save it."""
+    """Draw one figure in the common style, and save it."""
     from matplotlib import rc_context  # noqa: PLC0415
 
     from agentd.figures.style import STYLE  # noqa: PLC0415
@@ -128,7 +128,7 @@ def _save(figure: "Figure | None", folder: Path, name: str) -> list[Path]:
 
 
 def _flights(runs: Sequence[Run], folder: Path) -> list[Path]:
-    """One GIF per run: 'flight.gif', or with the run's name, numbered where two runs have the same."""
+    """Return one path per run: 'flight.gif', or with the run's name, numbered where two runs have the same name."""
     if len(runs) == 1:
         return [folder / "flight.gif"]
     often = Counter(run.name for run in runs)

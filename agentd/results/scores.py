@@ -1,4 +1,4 @@
-"""A run in one row of numbers, and rows as a table for people and as CSV."""
+"""Measures of a run as one row of numbers, and rows as a table and as CSV."""
 
 import csv
 from collections.abc import Mapping, Sequence
@@ -21,7 +21,7 @@ MEASURED = (
 
 
 def scores(run: Run | None) -> dict[str, Any]:
-    """`MEASURED` of a run, SI units but where the name says otherwise; None where there is nothing to tell."""
+    """Return the `MEASURED` values of a run, in SI units unless the name says otherwise; None without a value."""
     if run is None:
         return dict.fromkeys(MEASURED)
     summary, inside = run.summary(), intrusions(run)
@@ -47,7 +47,7 @@ def scores(run: Run | None) -> dict[str, Any]:
 
 
 def scores_table(title: str, rows: Sequence[Mapping[str, Any]]) -> Table:
-    """Rows of `scores`, each with 'variant' and 'failed' (why, or None) beside it."""
+    """Return a table of `scores`, whose rows also have 'variant' and 'failed' (the reason, or None)."""
     table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
     heads = (
         "variant", "arrived\nat, s", "over-\nshoot, m", "closest\nm", "least\nh", "h < 0\ntimes", "\ns",
@@ -81,7 +81,7 @@ def _cells(row: Mapping[str, Any]) -> list[str]:
 
 
 def write_csv(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
-    """Write rows that have the same keys; empty where there is no value.
+    """Write rows with the same keys; cells without a value are empty.
 
     Raises:
         RecordingError: The file cannot be written.

@@ -1,4 +1,4 @@
-"""The end of a run as a table on the screen."""
+"""Summary of a run as a table on the screen."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -6,7 +6,7 @@ from typing import Any
 from rich import box
 from rich.table import Table
 
-_ENDS = {  # words of `Outcome.stopped_by`, and of steps without rounds, in the order of the table
+_ENDS = {  # values of `Outcome.stopped_by`, and of steps without rounds, in the order of the table
     "agreed": "by agreement",
     "returned": "of the algorithm's own accord",
     "rounds": "out of rounds",
@@ -16,10 +16,10 @@ _ENDS = {  # words of `Outcome.stopped_by`, and of steps without rounds, in the 
 
 
 def summary_table(summary: Mapping[str, Any]) -> Table:
-    """`Run.summary` for people.
+    """Return a summary as a table.
 
     Args:
-        summary: As `Run.summary` returns it.
+        summary: Result of `Run.summary`.
     """
     table = Table(title=_title(summary), title_justify="left", show_header=False, box=box.SIMPLE_HEAD)
     table.add_column(style="bold")
@@ -68,7 +68,7 @@ def _rows(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
 
 
 def _losses(lost_by: Mapping[str, Any]) -> str:
-    """How many were lost by which fault, and how many by the network."""
+    """Return the numbers of messages lost by each fault, and by the network."""
     causes = [f"{count} by {fault!r}" for fault, count in lost_by["faults"].items()]
     causes += [f"{lost_by['network']} by the network"] if lost_by["network"] else []
     return ", ".join(causes)
@@ -94,7 +94,7 @@ def _ends(ended_by: Mapping[str, int]) -> str:
 
 
 def _spread(values: Mapping[str, float | None], unit: str) -> str:
-    """Median, 95 % and most, in three digits."""
+    """Return median, 95th percentile and maximum, in three digits."""
     if values["median"] is None:
         return "none"
     median, most, maximum = (f"{values[key]:.3g}{unit}" for key in ("median", "p95", "max"))
