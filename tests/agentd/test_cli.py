@@ -1,4 +1,4 @@
-"""The command line and bad input: one line says what is wrong, and the exit code tells whose fault it is."""
+"""Bad input on the command line: one line per problem, and an exit code."""
 
 import re
 import socket
@@ -81,19 +81,19 @@ BAD_FLEETS = {
 
 @pytest.mark.parametrize("case", BAD_FLEETS)
 @pytest.mark.parametrize("command", ["simulate", "launch", "check", "run"])
-def test_what_is_wrong_with_a_fleet_is_told_in_one_line(
+def test_error_in_a_fleet_is_reported_in_one_line(
     command: str, case: str, trio: Path, agentd: Callable[..., Answer]
 ) -> None:
-    words, said = BAD_FLEETS[case]
+    words, expected = BAD_FLEETS[case]
     out = {"check": [], "run": ["--id", "1", "--out", trio.parent / "run"]}.get(
         command, ["--json", "--out", trio.parent / "run"]
     )
     answer = agentd(command, trio, *words, *out)
-    assert answer == (2, "", f"agentd: {trio}: {said.format(folder=trio.parent)}\n")
+    assert answer == (2, "", f"agentd: {trio}: {expected.format(folder=trio.parent)}\n")
     assert not (trio.parent / "run").exists()
 
 
-def test_all_problems_of_a_fleet_are_told_at_once(trio: Path, agentd: Callable[..., Answer]) -> None:
+def test_all_problems_of_a_fleet_are_reported_at_once(trio: Path, agentd: Callable[..., Answer]) -> None:
     wrong = ["--set", "time.duration=-1.0", "--set", "sed=3", "--set", "agents.2.start=[1.0, 'far']"]
     answer = agentd("check", trio, *wrong)
     assert answer.code == 2
@@ -118,17 +118,17 @@ BAD_FILES = {
 
 
 @pytest.mark.parametrize("case", BAD_FILES)
-def test_a_file_that_is_no_fleet_is_refused(case: str, trio: Path, agentd: Callable[..., Answer]) -> None:
-    content, said = BAD_FILES[case]
+def test_file_that_is_not_a_fleet_is_refused(case: str, trio: Path, agentd: Callable[..., Answer]) -> None:
+    content, expected = BAD_FILES[case]
     trio.write_bytes(content)
     answer = agentd("simulate", trio, "--json", "--out", trio.parent / "run")
     assert answer.code == 2
     assert answer.out == ""
-    assert answer.err.startswith(f"agentd: {trio}: {said}")
+    assert answer.err.startswith(f"agentd: {trio}: {expected}")
     assert all(line.startswith(f"agentd: {trio}: ") for line in answer.err.splitlines())
 
 
-def test_a_fleet_that_is_not_there_is_told_from_a_name_that_is_not_known(agentd: Callable[..., Answer]) -> None:
+def test_missing_file_and_unknown_name_are_distinguished(agentd: Callable[..., Answer]) -> None:
     assert agentd("check", "nowhere/trio.toml") == (2, "", "agentd: nowhere/trio.toml: there is no such file\n")
     answer = agentd("check", "positon_swap")
     assert answer.code == 2
@@ -139,51 +139,53 @@ def test_a_fleet_that_is_not_there_is_told_from_a_name_that_is_not_known(agentd:
     )
 
 
-def test_an_id_that_is_not_in_the_fleet(trio: Path, agentd: Callable[..., Answer]) -> None:
-    said = f"agentd: {trio}: --id 7: there is no such agent; agents are [1, 2, 3]\n"
-    assert agentd("run", trio, "--id", "7", "--out", trio.parent / "run") == (2, "", said)
+def test_id_that_is_not_in_the_fleet_is_refused(trio: Path, agentd: Callable[..., Answer]) -> None:
+    expected = f"agentd: {trio}: --id 7: there is no such agent; agents are [1, 2, 3]\n"
+    assert agentd("run", trio, "--id", "7", "--out", trio.parent / "run") == (2, "", expected)
     assert not (trio.parent / "run").exists()
 
 
-def test_a_plug_in_that_refuses_its_options(trio: Path, agentd: Callable[..., Answer]) -> None:
+def test_plug_in_that_refuses_its_options_is_named(trio: Path, agentd: Callable[..., Answer]) -> None:
     (trio.parent / "frail.py").write_text(FRAIL)
-    said = "plant: Frail refused its options: it broke"
+    expected = "plant: Frail refused its options: it broke"
     wrong = ["--plant", f"{trio.parent}/frail.py:Frail"]
     assert agentd("simulate", trio, *QUICK, *wrong, "--out", trio.parent / "a") == (
-        2, "", f"agentd: agents.1: {said}\n",
+        2, "", f"agentd: agents.1: {expected}\n",
     )  # fmt: skip
     answer = agentd("launch", trio, *QUICK, *wrong, "--out", trio.parent / "b")
     assert answer.code == 1
     assert answer.out == ""
     assert re.search(
         r"agentd: agent (\d) ended with exit code 2 \d+\.\d s after the launch, before its first step: agents\.\1: "
-        + re.escape(said),
+        + re.escape(expected),
         answer.err,
     )
     assert "Traceback" not in answer.err
 
 
-def test_a_port_that_is_taken(trio: Path, agentd: Callable[..., Answer]) -> None:
+def test_port_in_use_is_reported(trio: Path, agentd: Callable[..., Answer]) -> None:
     with socket.socket() as owner:
         owner.bind(("127.0.0.1", 0))
         owner.listen()
         endpoint = f"tcp/127.0.0.1:{owner.getsockname()[1]}"
         wrong = ["--set", f"agents.1.endpoint={endpoint}"]
-        said = f"agent 1: cannot listen on {endpoint}, or cannot connect to []: "
+        expected = f"agent 1: cannot listen on {endpoint}, or cannot connect to []: "
         answer = agentd("run", trio, *wrong, "--id", "1", "--out", trio.parent / "a")
         assert (answer.code, answer.out) == (1, "")
-        assert answer.err.startswith(f"agentd: {said}")
+        assert answer.err.startswith(f"agentd: {expected}")
         assert answer.err.count("\n") == 1
         answer = agentd("launch", trio, *QUICK, *wrong, "--out", trio.parent / "b")
         assert answer.code == 1
         assert re.search(
-            rf"agentd: agent 1 ended with exit code 1 .* before its first step: {re.escape(said)}", answer.err
+            rf"agentd: agent 1 ended with exit code 1 .* before its first step: {re.escape(expected)}", answer.err
         )
         assert "Traceback" not in answer.err
 
 
 @pytest.mark.parametrize("command", ["simulate", "launch", "run"])
-def test_a_run_directory_that_cannot_be_written(command: str, trio: Path, agentd: Callable[..., Answer]) -> None:
+def test_run_directory_that_cannot_be_written_is_reported(
+    command: str, trio: Path, agentd: Callable[..., Answer]
+) -> None:
     folder = trio / "run"
     words = ["--id", "1"] if command == "run" else ["--json"]
     assert agentd(command, trio, *words, "--out", folder) == (
@@ -191,31 +193,33 @@ def test_a_run_directory_that_cannot_be_written(command: str, trio: Path, agentd
     )  # fmt: skip
 
 
-def test_a_run_directory_that_holds_something(flown: Path, trio: Path, agentd: Callable[..., Answer]) -> None:
+def test_run_directory_that_is_not_empty_is_refused(flown: Path, trio: Path, agentd: Callable[..., Answer]) -> None:
     for command in ("simulate", "launch"):
-        said = f"agentd: {flown}: this directory is not empty; choose another with --out\n"
-        assert agentd(command, trio, *QUICK, "--out", flown) == (1, "", said)
+        expected = f"agentd: {flown}: this directory is not empty; choose another with --out\n"
+        assert agentd(command, trio, *QUICK, "--out", flown) == (1, "", expected)
     before = (flown / "fleet.toml").read_bytes()
     answer = agentd("run", trio, "--id", "1", "--out", flown)
-    said = f"agentd: {flown / 'agent-1.msgpack'}: there is a log already; choose another directory with --out\n"
-    assert (answer.code, answer.err) == (1, said)
+    expected = f"agentd: {flown / 'agent-1.msgpack'}: there is a log already; choose another directory with --out\n"
+    assert (answer.code, answer.err) == (1, expected)
     assert (flown / "fleet.toml").read_bytes() == before
 
 
 @pytest.mark.parametrize("words", [["report"], ["rerun"], ["export", "--to", "csv"], ["diff", "{flown}"]])
-def test_a_run_that_is_none(words: list[str], flown: Path, tmp_path: Path, agentd: Callable[..., Answer]) -> None:
-    said = f"agentd: {tmp_path}: not a run directory: it has no fleet.toml\n"
-    assert agentd(*(word.format(flown=flown) for word in words), tmp_path) == (1, "", said)
+def test_directory_that_is_not_a_run_is_refused(
+    words: list[str], flown: Path, tmp_path: Path, agentd: Callable[..., Answer]
+) -> None:
+    expected = f"agentd: {tmp_path}: not a run directory: it has no fleet.toml\n"
+    assert agentd(*(word.format(flown=flown) for word in words), tmp_path) == (1, "", expected)
 
 
-def test_a_run_without_logs(flown: Path, tmp_path: Path, agentd: Callable[..., Answer]) -> None:
+def test_run_without_logs_is_refused(flown: Path, tmp_path: Path, agentd: Callable[..., Answer]) -> None:
     (tmp_path / "fleet.toml").write_bytes((flown / "fleet.toml").read_bytes())
     (tmp_path / "agent-1.msgpack").touch()
-    said = f"agentd: {tmp_path}: not one log of agents [1, 2, 3]; expected files like agent-1.msgpack\n"
-    assert agentd("report", tmp_path) == (1, "", said)
+    expected = f"agentd: {tmp_path}: not one log of agents [1, 2, 3]; expected files like agent-1.msgpack\n"
+    assert agentd("report", tmp_path) == (1, "", expected)
 
 
-def test_a_format_that_is_not_known(flown: Path, agentd: Callable[..., Answer]) -> None:
+def test_unknown_export_format_is_refused(flown: Path, agentd: Callable[..., Answer]) -> None:
     answer = agentd("export", flown, "--to", "xls")
     assert (answer.code, answer.out) == (2, "")
     assert answer.err.count("\n") == 1
@@ -223,7 +227,7 @@ def test_a_format_that_is_not_known(flown: Path, agentd: Callable[..., Answer]) 
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "expected"),
     [
         ([], "agentd: error: the following arguments are required: COMMAND"),
         (["simulate"], "agentd simulate: error: the following arguments are required: FLEET"),
@@ -232,8 +236,10 @@ def test_a_format_that_is_not_known(flown: Path, agentd: Callable[..., Answer]) 
         (["launch", "x", "--seed", "one"], "argument --seed: invalid int value: 'one'"),
     ],
 )
-def test_a_command_line_that_is_none(words: list[str], said: str, capfd: pytest.CaptureFixture[str]) -> None:
+def test_command_line_that_cannot_be_parsed_is_refused(
+    words: list[str], expected: str, capfd: pytest.CaptureFixture[str]
+) -> None:
     with pytest.raises(SystemExit) as caught:
         main(words)
     assert caught.value.code == 2
-    assert said in capfd.readouterr().err
+    assert expected in capfd.readouterr().err

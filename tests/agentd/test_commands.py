@@ -1,4 +1,4 @@
-"""The commands and good input: what each prints and writes."""
+"""Good input on the command line: what each command prints and writes."""
 
 import json
 import re
@@ -42,7 +42,7 @@ def test_json_prints_one_object_and_nothing_else(command: str, trio: Path, tmp_p
     assert (tmp_path / "run" / "trajectories.png").is_file()  # a report is drawn unless told not to
 
 
-def test_people_get_a_table_and_the_names_of_the_figures(trio: Path, agentd: Callable[..., Answer]) -> None:
+def test_simulate_prints_a_table_and_the_names_of_the_figures(trio: Path, agentd: Callable[..., Answer]) -> None:
     answer = agentd("simulate", trio, "--set", "time.duration=1.0", "--out", trio.parent / "run")
     assert answer.code == 0
     assert answer.out.splitlines()[0].rstrip() == "trio, run: complete topology, virtual clock"
@@ -94,7 +94,9 @@ def test_export_writes_what_the_run_holds(flown: Path, tmp_path: Path, agentd: C
         assert arrays.files
 
 
-def test_diff_says_identical_or_where_two_runs_part(flown: Path, trio: Path, agentd: Callable[..., Answer]) -> None:
+def test_diff_prints_identical_or_where_two_runs_first_differ(
+    flown: Path, trio: Path, agentd: Callable[..., Answer]
+) -> None:
     same, other = trio.parent / "same", trio.parent / "other"
     assert agentd("simulate", trio, *QUICK, "--out", same).code == 0
     assert agentd("simulate", trio, *QUICK, "--set", "problem.prediction.horizon=4", "--out", other).code == 0

@@ -54,7 +54,7 @@ def silent(start): ...
 
 @pytest.fixture
 def _my_lab(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """A distribution of somebody else's, installed."""
+    """Install a third-party distribution with plug-ins."""
     info = tmp_path / "my_lab-1.0.dist-info"
     info.mkdir()
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: my-lab\nVersion: 1.0\n")
@@ -112,7 +112,7 @@ def test_group_is_one_that_there_is(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 @pytest.mark.usefixtures("_my_lab")
-def test_kinds_of_others_are_listed_and_those_that_fail_say_why(capsys: pytest.CaptureFixture[str]) -> None:
+def test_third_party_kinds_are_listed_and_broken_ones_with_the_reason(capsys: pytest.CaptureFixture[str]) -> None:
     text = listing(capsys, "plants")
     width = max(map(len, known("plants")))
     assert (

@@ -1,4 +1,4 @@
-"""``agentd emulate-crazyflie`` as a process: how it begins, obeys and ends."""
+"""``agentd emulate-crazyflie`` as a process: start, commands on standard input, end."""
 
 import json
 import signal
@@ -56,7 +56,7 @@ class Flock(PointMass):
 
 @contextmanager
 def emulating(*options: str) -> Iterator["subprocess.Popen[str]"]:
-    """The command as a process with pipes; it is ended in any case."""
+    """Run the command as a process with pipes; kill it at the end."""
     command = [sys.executable, "-m", "agentd", "emulate-crazyflie", *options]
     pipe = subprocess.PIPE
     with subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=pipe, text=True) as process:
@@ -67,7 +67,7 @@ def emulating(*options: str) -> Iterator["subprocess.Popen[str]"]:
 
 
 def ready(process: "subprocess.Popen[str]", count: int) -> dict[int, str]:
-    """Number -> URI of so many drones, when all are there."""
+    """Wait until `count` drones are ready; return number -> URI."""
     lines = [line(process).split() for _ in range(count)]
     assert all(word == "ready" for word, *_ in lines), lines
     return {int(number): uri for _, number, uri in lines}
@@ -77,8 +77,8 @@ def line(process: "subprocess.Popen[str]") -> str:
     return cast(IO[str], process.stdout).readline().strip()
 
 
-def say(process: "subprocess.Popen[str]", text: str) -> str:
-    """What it answers."""
+def command(process: "subprocess.Popen[str]", text: str) -> str:
+    """Send a command; return the answer."""
     stdin = cast(IO[str], process.stdin)
     stdin.write(text + "\n")
     stdin.flush()
@@ -95,21 +95,21 @@ def test_drones_stand_on_a_cross_and_obey_by_number_or_all(tmp_path: Path) -> No
     with emulating("--n", "5", "--port", "0", "--truth", str(tmp_path)) as process:
         uris = ready(process, 5)
         assert len(set(uris.values())) == 5
-        places = [json.loads(say(process, f"{i} state"))["position"][:2] for i in uris]
+        places = [json.loads(command(process, f"{i} state"))["position"][:2] for i in uris]
         assert places == [[0.0, 1.0], [0.0, -1.0], [1.0, 0.0], [-1.0, 0.0], [2.0, 0.0]]
-        assert say(process, "all battery 3.5") == "ok all battery 3.5"
-        assert json.loads(say(process, "2 state"))["battery"] == pytest.approx(3.5, abs=0.01)
-        assert say(process, "2 place 0.5 0.6") == "ok 2 place 0.5 0.6"
-        assert json.loads(say(process, "2 state"))["position"] == [0.5, 0.6, 0.0]
-        assert say(process, "6 state") == "error: there is no drone 6; there are 1, 2, 3, 4, 5"
-        assert say(process, "1 silence long").startswith("error: expected DRONE silence SECONDS, not")
-        assert say(process, "nonsense").startswith("error: expected DRONE battery|silence|kill-link|")
-        assert say(process, "quit") == ""
+        assert command(process, "all battery 3.5") == "ok all battery 3.5"
+        assert json.loads(command(process, "2 state"))["battery"] == pytest.approx(3.5, abs=0.01)
+        assert command(process, "2 place 0.5 0.6") == "ok 2 place 0.5 0.6"
+        assert json.loads(command(process, "2 state"))["position"] == [0.5, 0.6, 0.0]
+        assert command(process, "6 state") == "error: there is no drone 6; there are 1, 2, 3, 4, 5"
+        assert command(process, "1 silence long").startswith("error: expected DRONE silence SECONDS, not")
+        assert command(process, "nonsense").startswith("error: expected DRONE battery|silence|kill-link|")
+        assert command(process, "quit") == ""
         assert process.wait(10) == 0
     assert read_truth(tmp_path / "drone-5.jsonl")[0]["event"] == "checks passed"
 
 
-def test_what_is_no_command_is_answered_and_harms_nobody() -> None:
+def test_unknown_command_is_answered_and_has_no_effect() -> None:
     lines = {
         "tumble yes": "tumble [on|off]",
         "refuse-arm maybe": "refuse-arm [on|off]",
@@ -127,9 +127,9 @@ def test_what_is_no_command_is_answered_and_harms_nobody() -> None:
     with emulating("--n", "1", "--port", "0") as process:
         ready(process, 1)
         for words, usage in lines.items():
-            assert say(process, f"1 {words}") == f"error: expected DRONE {usage}, not '1 {words}'"
-        assert json.loads(say(process, "1 state"))["position"] == [0.0, 1.0, 0.0]
-        assert say(process, "1 tumble on") == "ok 1 tumble on"
+            assert command(process, f"1 {words}") == f"error: expected DRONE {usage}, not '1 {words}'"
+        assert json.loads(command(process, "1 state"))["position"] == [0.0, 1.0, 0.0]
+        assert command(process, "1 tumble on") == "ok 1 tumble on"
 
 
 @pytest.mark.parametrize("end", [signal.SIGTERM, signal.SIGINT])
@@ -161,10 +161,10 @@ def test_agents_of_a_fleet_with_such_uris_are_emulated_where_they_start(tmp_path
     (tmp_path / "flock.py").write_text(PLANT)
     with emulating("--fleet", str(tmp_path / "flock.toml")) as process:
         assert ready(process, 1) == {3: f"udp://127.0.0.1:{port}"}
-        assert json.loads(say(process, "3 state"))["position"] == [0.5, 1.0, 0.0]
+        assert json.loads(command(process, "3 state"))["position"] == [0.5, 1.0, 0.0]
 
 
-def test_bad_input_is_told_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_bad_input_is_reported_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
         taken.bind(("127.0.0.1", 0))
         port = taken.getsockname()[1]

@@ -1,4 +1,4 @@
-"""``agentd preflight``: the bodies of a fleet, looked at before a flight."""
+"""``agentd preflight``: the bodies of a fleet, inspected before a flight."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -16,9 +16,7 @@ def sandbox(tmp_path: Path) -> Sandbox:
     return found
 
 
-def test_what_was_found_is_told_for_each_body_and_nothing_moves(
-    sandbox: Sandbox, agentd: Callable[..., Answer]
-) -> None:
+def test_checks_of_each_body_are_printed_and_nothing_moves(sandbox: Sandbox, agentd: Callable[..., Answer]) -> None:
     answer = agentd("preflight", sandbox.file, "--set", "plants.body.pauses=2")
     assert (answer.code, answer.err) == (0, "")
     rows = [line.split() for line in answer.out.splitlines() if line.strip()[:1].isdigit()]
@@ -27,13 +25,15 @@ def test_what_was_found_is_told_for_each_body_and_nothing_moves(
         assert sandbox.of(agent) == ["prepare", "inspect", "close"]
 
 
-def test_bodies_are_looked_at_together(sandbox: Sandbox, agentd: Callable[..., Answer]) -> None:
+def test_bodies_are_inspected_at_the_same_time(sandbox: Sandbox, agentd: Callable[..., Answer]) -> None:
     agentd("preflight", sandbox.file, "--set", "plants.body.pauses=2")
     order = [what for _, what in sandbox.entries]
     assert order.index("inspect") > max(i for i, what in enumerate(order) if what == "prepare")
 
 
-def test_problem_is_named_and_the_others_are_told_all_the_same(sandbox: Sandbox, agentd: Callable[..., Answer]) -> None:
+def test_problem_of_one_body_is_named_and_the_others_are_still_reported(
+    sandbox: Sandbox, agentd: Callable[..., Answer]
+) -> None:
     answer = agentd("preflight", sandbox.file, "--set", "agents.2.plants.body.fails=checks")
     assert answer.code == 1
     assert answer.err == "agentd: agent 2: battery 3.92 V: at least 3.5 V is needed\n"
@@ -49,7 +49,7 @@ def test_body_that_cannot_be_reached_is_named(sandbox: Sandbox, agentd: Callable
     assert sandbox.of(3) == ["prepare", "close"]
 
 
-def test_simulated_bodies_have_nothing_to_look_at(agentd: Callable[..., Answer]) -> None:
+def test_simulated_bodies_have_no_checks(agentd: Callable[..., Answer]) -> None:
     answer = agentd("preflight", "position_swap")
     assert answer.code == 0
     assert answer.out.count("simulated: nothing to look at") == 4

@@ -63,23 +63,23 @@ FLEET = small_fleet(
 )
 FLEET += "[[faults.rule]]\nfrom = 3\nto = 2\nduplication = 0.0\n"
 IDS = (1, 2, 3)
-NOWHERE = "tcp/127.0.0.1:9"  # where nobody listens
+NOWHERE = "tcp/127.0.0.1:9"  # no process listens there
 
 
 @dataclass
 class Flight:
-    """What an operator did to a fleet, and what came of it.
+    """Record of a flight during which an operator sends commands.
 
     Attributes:
-        folder: The run directory.
-        fleet: The fleet file.
-        said: What each command answered.
-        malformed: What agent 2 answered to bytes that are no request.
+        folder: Run directory.
+        fleet: Fleet file.
+        answers: Key -> answer of a command.
+        malformed: Answer of agent 2 to bytes that are not a request.
     """
 
     folder: Path
     fleet: Path
-    said: dict[str, Answer] = field(default_factory=dict)
+    answers: dict[str, Answer] = field(default_factory=dict)
     malformed: str = ""
 
     @property
@@ -87,7 +87,7 @@ class Flight:
         return Run.read(self.folder)
 
     def events(self, agent: int) -> list[int]:
-        """When something was changed at an agent, ns."""
+        """Return when faults on the links to an agent were changed, ns."""
         return [event["time"] for event in self.run.agents[agent].events if event["event"] == "fault"]
 
     def passed(self, sender: int, receiver: int) -> list[Passed]:
@@ -102,7 +102,7 @@ def write_fleet(folder: Path, text: str = FLEET) -> Path:
 
 @pytest.fixture(scope="module")
 def flight(tmp_path_factory: pytest.TempPathFactory) -> Flight:
-    """A fleet of three that is changed in many ways, and then stopped."""
+    """Fly a fleet of three, change its faults in many ways, and stop it."""
     if not (PROCESSES / "self").exists():
         pytest.skip("processes are found in /proc")
     folder = tmp_path_factory.mktemp("flight")
@@ -112,8 +112,8 @@ def flight(tmp_path_factory: pytest.TempPathFactory) -> Flight:
         pids = launch.flying()
 
         def operate(key: str, *words: str) -> None:
-            """Let an operator do something, and three steps pass."""
-            flight.said[key] = operated("fault", flight.folder, *words)
+            """Send a command of an operator, and wait for three steps."""
+            flight.answers[key] = operated("fault", flight.folder, *words)
             now = {i: len(log.step) for i in IDS if (log := launch.log(i))}
             until(lambda: all((log := launch.log(i)) and len(log.step) >= now[i] + 3 for i in IDS), "three more steps")
 
@@ -130,7 +130,7 @@ def flight(tmp_path_factory: pytest.TempPathFactory) -> Flight:
         frozen = operated("fault", flight.folder, "--from", "2", "noise", "0.1")
         os.kill(pids[3], signal.SIGCONT)
         patch.setattr("agentd.operator.query.TIMEOUT", 10.0)
-        flight.said["frozen"] = frozen
+        flight.answers["frozen"] = frozen
         operate("clear", "clear")
         operate("bursts", "--to", "1", "bursts", "mean_loss=0.5", "mean_length=2")
         operate("export", "export")
@@ -148,7 +148,7 @@ def operated(*words: str | Path) -> Answer:
 
 @pytest.fixture
 def grounded(tmp_path: Path) -> Path:
-    """The directory of a run on the wall clock whose agents nobody can reach."""
+    """The directory of a run on the wall clock whose agents cannot be reached."""
     return ground(tmp_path, FLEET)
 
 
@@ -158,12 +158,12 @@ def ground(folder: Path, text: str, name: str = "run") -> Path:
     return folder / name
 
 
-def test_change_is_said_with_its_links_and_its_time(flight: Flight) -> None:
+def test_change_is_printed_with_its_links_and_its_time(flight: Flight) -> None:
     begin, end = (f"{time * 1e-9:.3f}" for time in flight.events(2)[:2])
-    assert flight.said["loss"] == (0, f"1 -> 2: loss = {{ probability = 1.0 }}, from {begin} s on\n", "")
-    assert flight.said["end"] == (0, f"1 -> 2: as in the fleet file again, from {end} s on\n", "")
+    assert flight.answers["loss"] == (0, f"1 -> 2: loss = {{ probability = 1.0 }}, from {begin} s on\n", "")
+    assert flight.answers["end"] == (0, f"1 -> 2: as in the fleet file again, from {end} s on\n", "")
     assert re.fullmatch(
-        r"2 -> 1: latency = .*, from \d+\.\d{3} s on\n2 -> 3: latency = .*\n", flight.said["latency"].out
+        r"2 -> 1: latency = .*, from \d+\.\d{3} s on\n2 -> 3: latency = .*\n", flight.answers["latency"].out
     )
 
 
@@ -197,9 +197,9 @@ def test_latency_is_there_from_the_logged_time(flight: Flight) -> None:
         assert min(each.due - each.entered for each in others if each.entered < begin) < 10_000_000
 
 
-def test_show_tells_what_acts_now_and_where_it_comes_from(flight: Flight) -> None:
+def test_show_prints_what_acts_now_and_where_it_comes_from(flight: Flight) -> None:
     begin, end = flight.events(2)[:2]
-    lines = flight.said["show"].out.splitlines()
+    lines = flight.answers["show"].out.splitlines()
     assert re.fullmatch(rf"{re.escape(str(flight.folder))}, at \d+\.\d{{3}} s", lines[0])
     assert [re.split(r"  +", line) for line in lines[1:]] == [
         ["link", "fault", "acts now", "fleet file", "changed while running"],
@@ -216,7 +216,7 @@ def test_show_tells_what_acts_now_and_where_it_comes_from(flight: Flight) -> Non
 def test_export_during_and_after_the_run_is_the_same(flight: Flight) -> None:
     after = operated("fault", flight.folder, "export")
     assert (after.code, after.err) == (0, "")
-    assert after.out == flight.said["export"].out
+    assert after.out == flight.answers["export"].out
 
 
 def test_exported_rules_make_the_same_windows_in_the_fleet_file(flight: Flight) -> None:
@@ -263,15 +263,15 @@ def test_what_was_changed_is_read_from_the_logs_as_rules(flight: Flight) -> None
     )
 
 
-def test_agent_that_is_frozen_holds_nobody_up_and_is_named(flight: Flight) -> None:
-    code, out, err = flight.said["frozen"]
+def test_frozen_agent_is_named_and_does_not_hold_up_the_others(flight: Flight) -> None:
+    code, out, err = flight.answers["frozen"]
     assert code == 1
     assert re.fullmatch(r"2 -> 1: noise = \{ std = 0\.1 \}, from \d+\.\d{3} s on\n", out)
     assert err.splitlines()[0] == "agentd: agent 3 did not answer within 1 s"
-    assert flight.said["clear"].code == 0  # it has woken up
+    assert flight.answers["clear"].code == 0  # agent 3 runs again
 
 
-def test_malformed_request_gets_an_error_and_disturbs_nobody(flight: Flight) -> None:
+def test_malformed_request_gets_an_error_and_has_no_effect(flight: Flight) -> None:
     assert flight.malformed.startswith("not a request: ")
     assert len(flight.events(2)) == 4
     assert {log.end and log.end["end"] for log in flight.run.agents.values()} == {"stopped"}
@@ -328,7 +328,7 @@ def test_loss_is_refused_where_rounds_have_no_time_out(tmp_path: Path, agentd: C
     assert err.startswith("agentd: exchange.round_timeout: missing; loss can lose messages, and a round would wait for")
 
 
-def test_fleet_is_told_when_a_cut_will_end_it(
+def test_note_warns_of_a_cut_that_ends_the_run(
     tmp_path: Path, agentd: Callable[..., Answer], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("agentd.operator.query.TIMEOUT", 0.1)
@@ -367,9 +367,9 @@ def test_run_in_virtual_time_cannot_be_changed(tmp_path: Path, agentd: Callable[
 
 
 def test_run_that_is_over_cannot_be_changed(flight: Flight) -> None:
-    said = f"agentd: {flight.folder}: this run is over; its log can still be looked at: show, export\n"
-    assert operated("fault", flight.folder, "loss", "0.1") == (2, "", said)
-    assert operated("fault", flight.folder, "clear") == (2, "", said)
+    expected = f"agentd: {flight.folder}: this run is over; its log can still be looked at: show, export\n"
+    assert operated("fault", flight.folder, "loss", "0.1") == (2, "", expected)
+    assert operated("fault", flight.folder, "clear") == (2, "", expected)
 
 
 def test_run_is_found_by_the_name_of_its_fleet(

@@ -1,4 +1,4 @@
-"""How flights of real daemons end when somebody wants them to: every body comes down."""
+"""Flights of real daemons that an operator or a signal ends: every body comes down."""
 
 import fcntl
 import os
@@ -123,14 +123,14 @@ SLOW = """\
 
     def act(self, setpoint, now):
         super().act(setpoint, now)
-        for _ in range(15):  # most of the time it is here that it hears of the stop
+        for _ in range(15):  # the stop mostly comes during this loop
             time.sleep(0.01)
             if hasattr(self, "stopped"):
                 raise RuntimeError("motors off")
 """
 
 
-def test_agentd_stop_is_answered_also_by_who_fails_because_of_it(sandbox: Sandbox, tmp_path: Path) -> None:
+def test_agentd_stop_is_answered_even_by_an_agent_that_fails_because_of_it(sandbox: Sandbox, tmp_path: Path) -> None:
     body = "import time\n" + (tmp_path / "body.py").read_text()
     heard = 'self.note("emergency")\n'
     (tmp_path / "body.py").write_text(body.replace(heard, heard + SLOW))
@@ -147,7 +147,7 @@ def make_real(folder: Path) -> None:
     file.write_text(file.read_text().replace(REAL, f"{REAL}\n    real = True"))
 
 
-def test_real_bodies_stay_on_the_ground_where_nobody_can_agree(sandbox: Sandbox, tmp_path: Path) -> None:
+def test_real_bodies_stay_on_the_ground_without_a_terminal(sandbox: Sandbox, tmp_path: Path) -> None:
     make_real(tmp_path)
     with Launch(sandbox.file, tmp_path / "run", *WALL) as launch:
         assert launch.end() == 2
@@ -156,7 +156,7 @@ def test_real_bodies_stay_on_the_ground_where_nobody_can_agree(sandbox: Sandbox,
     assert not sandbox.diary.exists()
 
 
-def test_real_bodies_take_off_at_once_where_somebody_has_agreed(sandbox: Sandbox, tmp_path: Path) -> None:
+def test_real_bodies_take_off_at_once_with_consent_on_the_command_line(sandbox: Sandbox, tmp_path: Path) -> None:
     make_real(tmp_path)
     with Launch(sandbox.file, tmp_path / "run", "time.clock='wall'", "time.duration=1.0", yes=True) as launch:
         assert launch.end() == 0
@@ -180,7 +180,7 @@ def test_in_a_terminal_one_key_takes_off_and_one_lands(sandbox: Sandbox, tmp_pat
     seen = bytearray()
 
     def shows(text: bytes) -> bool:
-        with suppress(OSError):  # nothing there, or nobody left
+        with suppress(OSError):  # nothing to read, or the process has ended
             seen.extend(os.read(master, 65536))
         return text in seen
 

@@ -1,4 +1,4 @@
-"""Variants side by side, as people meet them on the command line."""
+"""``agentd compare``: variants of a fleet side by side."""
 
 import csv
 import json
@@ -69,7 +69,7 @@ def test_every_variant_has_a_run_of_its_own_that_is_what_simulate_makes(
     assert rows[0].keys() == found["variants"][0].keys()
 
 
-def test_people_get_a_table_with_a_row_for_each(trio: Path, agentd: Callable[..., Answer]) -> None:
+def test_compare_prints_a_table_with_a_row_for_each_variant(trio: Path, agentd: Callable[..., Answer]) -> None:
     words = ["--vary", "exchange.max_rounds=10,40", "--vary", "seed=1,2", "--out", trio.parent / "four"]
     answer = agentd("compare", trio, *SHORT, *words)
     assert answer.code == 0
@@ -85,7 +85,7 @@ def test_people_get_a_table_with_a_row_for_each(trio: Path, agentd: Callable[...
     ]
 
 
-def test_a_variant_that_fails_is_told_and_the_others_run(trio: Path, agentd: Callable[..., Answer]) -> None:
+def test_failure_of_a_variant_is_reported_and_the_others_run(trio: Path, agentd: Callable[..., Answer]) -> None:
     words = ["--algorithm", f"{trio.parent}/mine.py:brittle", "--vary", "algorithm.breaks=true,false"]
     answer = agentd("compare", trio, *SHORT, *words, "--out", trio.parent / "two", "--json")
     assert answer.code == 1
@@ -157,19 +157,17 @@ BAD = {
 
 
 @pytest.mark.parametrize("case", BAD)
-def test_what_is_wrong_with_a_variant_is_told_before_anything_runs(
-    case: str, trio: Path, agentd: Callable[..., Answer]
-) -> None:
-    texts, said = BAD[case]
+def test_error_in_a_variant_is_reported_before_any_run(case: str, trio: Path, agentd: Callable[..., Answer]) -> None:
+    texts, expected = BAD[case]
     answer = agentd("compare", trio, *(word for text in texts for word in ("--vary", text)), "--out", trio.parent / "x")
     assert (answer.code, answer.out) == (2, "")
     assert answer.err.count("\n") == 1
-    assert answer.err.startswith(f"agentd: {trio}: {said}")
+    assert answer.err.startswith(f"agentd: {trio}: {expected}")
     assert not (trio.parent / "x").exists()
 
 
 @pytest.mark.parametrize(
-    ("values", "said"),
+    ("values", "expected"),
     [
         ("plant=", "--vary plant=: no values; expected KEY=VALUE,VALUE, such as plant=point,twin"),
         ("plant=point", "--vary: one variant alone; give at least two values, such as plant=point,twin"),
@@ -177,8 +175,10 @@ def test_what_is_wrong_with_a_variant_is_told_before_anything_runs(
         (f"seed={','.join(map(str, range(13)))}", "--vary: 13 values make 13 variants; at most 12 are allowed"),
     ],
 )
-def test_a_wrong_list_of_values_is_told_in_one_line(values: str, said: str, agentd: Callable[..., Answer]) -> None:
-    assert agentd("compare", "position_swap", "--vary", values) == (2, "", f"agentd: {said}\n")
+def test_wrong_list_of_values_is_reported_in_one_line(
+    values: str, expected: str, agentd: Callable[..., Answer]
+) -> None:
+    assert agentd("compare", "position_swap", "--vary", values) == (2, "", f"agentd: {expected}\n")
 
 
 @pytest.fixture(scope="module")

@@ -38,7 +38,7 @@ def rows(folder: Path) -> list[dict[str, str]]:
 
 
 def gone(group: int) -> bool:
-    """Whether nobody is left of a process group."""
+    """Return whether a process group has no process left."""
     try:
         os.killpg(group, 0)
     except ProcessLookupError:
@@ -65,13 +65,13 @@ def test_an_interrupted_sweep_ends_all_its_processes_and_goes_on(
         until(lambda: len(list((out / "rows").glob("*.json"))) >= 2 or process.poll() is not None, "two runs", 60)
         assert process.poll() is None
         process.send_signal(number)
-        said = process.communicate(timeout=20)[1]
+        errors = process.communicate(timeout=20)[1]
     finally:
         process.kill()
         process.wait()
     assert process.returncode == 128 + number
     there = len(list((out / "rows").glob("*.json")))
-    assert f"{there} of 12 runs are in {out}" in said
+    assert f"{there} of 12 runs are in {out}" in errors
     until(lambda: gone(process.pid), "all its processes have ended", 5)
     answer = agentd("sweep", *LONG, "--no-oracle", "--out", out)
     assert f"{there} of 12 runs were there already" in answer.err

@@ -33,7 +33,7 @@ def test_commas_in_brackets_and_quotes_divide_nothing() -> None:
     ]
 
 
-def test_numbers_and_truths_are_not_the_same() -> None:
+def test_numbers_and_booleans_are_different_values() -> None:
     assert len(variants(["log.rounds=true,1"], 9)) == 2
 
 
@@ -42,7 +42,7 @@ TWICE = "given twice; put all its values into one, with commas"
 
 
 @pytest.mark.parametrize(
-    ("texts", "said"),
+    ("texts", "expected"),
     [
         (["plant"], f"--vary plant: {FORM}"),
         (["=point"], f"--vary =point: {FORM}"),
@@ -57,10 +57,10 @@ TWICE = "given twice; put all its values into one, with commas"
         (["seed=1,2,3", "plant=a,b"], "--vary: 3 x 2 values make 6 variants; at most 5 are allowed"),
     ],
 )  # fmt: skip
-def test_what_makes_no_variants_is_told_in_one_line(texts: list[str], said: str) -> None:
+def test_text_that_makes_no_variants_is_refused_in_one_line(texts: list[str], expected: str) -> None:
     with pytest.raises(ConfigurationError) as caught:
         variants(texts, 5)
-    assert str(caught.value) == said
+    assert str(caught.value) == expected
 
 
 def average(variant: Variant) -> LoadedFleet:
@@ -71,7 +71,7 @@ def test_fleets_come_in_the_order_of_their_variants() -> None:
     assert [each.spec.seed for each in load_all(variants(["seed=7,3"], 2), average)] == [7, 3]
 
 
-def test_what_all_variants_have_wrong_is_told_once_and_what_one_has_with_its_name() -> None:
+def test_problem_of_all_variants_is_reported_once_and_of_one_with_its_name() -> None:
     chosen = variants(["time.durration=1,2", "time.sample_time=0.1,-1.0"], 4)
     with pytest.raises(ConfigurationError) as caught:
         load_all(chosen, average)
