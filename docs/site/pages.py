@@ -32,19 +32,32 @@ LINK = re.compile(r"\]\((?!https?:|#|mailto:)([^)#\s]*)((?:#[^)\s]*)?)\)")
 
 
 def on_config(config: MkDocsConfig) -> MkDocsConfig:
-    """Fill the empty entries of the navigation."""
+    """Fill the empty entries of the navigation, and append the documents that it does not list."""
     decisions = sorted(DOCS.glob("decisions/[0-9]*.md"))
     generated = {
         "Kinds and their keys": [f"reference/kinds/{group}.md" for group in groups()],
         "Packages": [{package: f"reference/packages/{package}.md"} for package in packages()],
         "Decisions": ["decisions/README.md", *(f"decisions/{path.name}" for path in decisions)],
     }
-    for section in config.nav or []:
+    assert config.nav is not None
+    for section in config.nav:
         for entries in section.values():
             for entry in entries if isinstance(entries, list) else []:
                 if isinstance(entry, dict) and (title := next(iter(entry))) in generated:
                     entry[title] = generated[title]
+    listed = set(pages(config.nav))
+    documents = [path.relative_to(DOCS).as_posix() for path in sorted(DOCS.rglob("*.md"))]
+    config.nav[-1][next(iter(config.nav[-1]))] += [path for path in documents if path not in listed]
     return config
+
+
+def pages(entries: Any) -> Iterator[str]:
+    """Yield the paths in a part of the navigation."""
+    if isinstance(entries, str):
+        yield entries
+    else:
+        for each in entries.values() if isinstance(entries, dict) else entries:
+            yield from pages(each)
 
 
 def on_files(files: Files, *, config: MkDocsConfig) -> Files:
