@@ -46,11 +46,10 @@ class Agreement:
 
     def conclude(self, residual: float, received: Iterable[Message], round: int) -> bool:
         """Take in the newest header of each neighbour at the end of `round`; return whether this round is the last."""
-        spread = [residual, *self._farther]
-        messages = [message for message in received if len(message.residuals) == len(spread)]
+        own = residual, *self._farther
+        messages = [message for message in received if len(message.residuals) == len(own)]
+        spread = [max(each) for each in zip(own, *[message.residuals for message in messages], strict=True)]
         for message in messages:
-            for d, each in enumerate(message.residuals):
-                spread[d] = max(spread[d], each)
             if message.stop_at >= 0:
                 self._announce(message.stop_at)
         if spread.pop() < self._threshold:

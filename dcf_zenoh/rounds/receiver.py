@@ -144,7 +144,7 @@ class Receiver:
         A round ends when its last message is due, or at the `deadline` if one will not come. Neighbours that are
         silent, dead or finished are not waited for.
         """
-        end = now
+        ends = [now]
         for j, neighbour in self._neighbours.items():
             deliveries = self._mailbox.take(j, self._step, round)
             if deliveries:
@@ -153,7 +153,8 @@ class Receiver:
             if due is None:
                 skipped = neighbour.finished or neighbour.silent_rounds >= self._skip_after_rounds
                 due = now if skipped or self._mailbox.dead(j) else deadline
-            end = max(end, due)
+            ends.append(due)
+        end = max(ends)
         return end if end <= deadline or end <= now else max(deadline, now)
 
     def end_round(self, round: int, now: int) -> None:
