@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from dcf_zenoh.errors import RecordingError
-from dcf_zenoh.records.writer import log_name
+from dcf_zenoh.records.log_writer import log_name
 from dcf_zenoh.spec import FleetSpec
 
 

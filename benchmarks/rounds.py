@@ -121,7 +121,7 @@ def stack(agent: int, ports: list[int], seconds: float) -> None:
     from dcf_zenoh.messaging.mailbox import Mailbox  # noqa: PLC0415
     from dcf_zenoh.messaging.network import Address, Network, endpoints_to_connect  # noqa: PLC0415
     from dcf_zenoh.plant import NoPlant  # noqa: PLC0415
-    from dcf_zenoh.records.writer import Recorder  # noqa: PLC0415
+    from dcf_zenoh.records.log_writer import Recorder  # noqa: PLC0415
     from dcf_zenoh.requests import Loop, Wait  # noqa: PLC0415
     from dcf_zenoh.rounds.exchange import ComputeTime, Exchange, ExchangeOptions  # noqa: PLC0415
     from dcf_zenoh.rounds.receiver import Receiver  # noqa: PLC0415

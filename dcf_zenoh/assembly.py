@@ -20,7 +20,7 @@ from dcf_zenoh.loop.phases import first_number
 from dcf_zenoh.messaging.mailbox import Mailbox
 from dcf_zenoh.plant import Array, Plant, State
 from dcf_zenoh.plugins import bind, create, load
-from dcf_zenoh.records.writer import Recorder, StepRecord
+from dcf_zenoh.records.log_writer import Recorder, StepRecord
 from dcf_zenoh.requests import Loop
 from dcf_zenoh.rounds.activation import ActivationSchedule
 from dcf_zenoh.rounds.asynchronous import Asynchronous

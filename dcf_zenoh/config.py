@@ -6,10 +6,10 @@ from pathlib import Path
 from dcf_zenoh.configuration.building.graph import draw, weights_of
 from dcf_zenoh.configuration.checks.all_checks import check
 from dcf_zenoh.configuration.loaded_fleet import LoadedFleet
-from dcf_zenoh.configuration.reading.defaults import with_defaults
 from dcf_zenoh.configuration.reading.draft import read
 from dcf_zenoh.configuration.reading.layout import lay_out
 from dcf_zenoh.configuration.reading.overrides import NO_OVERRIDES, Overrides
+from dcf_zenoh.configuration.reading.plugin_defaults import with_defaults
 from dcf_zenoh.configuration.reading.validation import validate
 from dcf_zenoh.configuration.run_copy import freeze
 from dcf_zenoh.configuration.toml_writer import to_toml

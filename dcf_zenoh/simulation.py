@@ -13,8 +13,8 @@ from dcf_zenoh.config import LoadedFleet, Overrides, freeze, load
 from dcf_zenoh.errors import DcfError, NeighbourLost
 from dcf_zenoh.graph import Graph
 from dcf_zenoh.records.agent_log import AgentLog
+from dcf_zenoh.records.log_writer import open_log
 from dcf_zenoh.records.run import Run
-from dcf_zenoh.records.writer import open_log
 from dcf_zenoh.requests import Activate, Agree, Publish, Report, Start, Wait
 from dcf_zenoh.runner import Runner, quiet_arithmetic
 

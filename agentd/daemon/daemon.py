@@ -23,7 +23,7 @@ from dcf_zenoh.messaging.handshake import ClockOffset
 from dcf_zenoh.messaging.network import Address, Agreed, Network, Stop, endpoints_to_connect
 from dcf_zenoh.plant import State, read_only
 from dcf_zenoh.records.agent_log import AgentLog
-from dcf_zenoh.records.writer import StepRecord, log_name, open_log
+from dcf_zenoh.records.log_writer import StepRecord, log_name, open_log
 from dcf_zenoh.requests import Report
 from dcf_zenoh.runner import Runner, drive
 from dcf_zenoh.spec import FleetSpec

@@ -18,7 +18,7 @@ from dcf_zenoh.diagnostics import listed
 from dcf_zenoh.errors import ConfigurationError, MessageError
 from dcf_zenoh.faults.chain import FaultChain
 from dcf_zenoh.records.agent_log import AgentLog
-from dcf_zenoh.records.writer import Recorder
+from dcf_zenoh.records.log_writer import Recorder
 from dcf_zenoh.spec import AgentId, Switch, Table
 
 LONGEST_REQUEST = 1 << 16  # bytes

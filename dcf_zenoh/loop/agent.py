@@ -25,7 +25,7 @@ from dcf_zenoh.loop.phases import Flight
 from dcf_zenoh.loop.supervisor import Alarm, Supervisor, most_severe
 from dcf_zenoh.message import Last
 from dcf_zenoh.plant import Array, Plant, Setpoint, State
-from dcf_zenoh.records.writer import Recorder, StepRecord
+from dcf_zenoh.records.log_writer import Recorder, StepRecord
 from dcf_zenoh.requests import NEVER, Loop, Wait
 from dcf_zenoh.rounds.exchange import Exchange, Outcome
 from dcf_zenoh.spec import Arrived, FleetSpec, nanoseconds

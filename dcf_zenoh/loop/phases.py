@@ -6,7 +6,7 @@ from contextlib import AbstractContextManager
 from dcf_zenoh.algorithms.algorithm import Dialogue, Me
 from dcf_zenoh.errors import DcfError, NeighbourLost, NotReady, PlantError, blaming
 from dcf_zenoh.plant import Check, Pauses, Plant, State
-from dcf_zenoh.records.writer import Recorder
+from dcf_zenoh.records.log_writer import Recorder
 from dcf_zenoh.requests import NEVER, Agree, Loop, Report, Start, Wait
 from dcf_zenoh.rounds.exchange import Exchange
 from dcf_zenoh.spec import nanoseconds

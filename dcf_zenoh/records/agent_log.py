@@ -13,7 +13,7 @@ import numpy.typing as npt
 from dcf_zenoh.errors import RecordingError
 from dcf_zenoh.plant import Array, read_only
 from dcf_zenoh.records.log_schema import Records, owner_of
-from dcf_zenoh.records.writer import log_name
+from dcf_zenoh.records.log_writer import log_name
 from dcf_zenoh.rounds.receiver import Passed
 from dcf_zenoh.spec import FleetSpec
 

@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, Field, TypeAdapter, ValidationError
 
 from dcf_zenoh.errors import RecordingError
-from dcf_zenoh.records.writer import SCHEMA, StepRecord, read_stream
+from dcf_zenoh.records.log_writer import SCHEMA, StepRecord, read_stream
 from dcf_zenoh.spec import FleetSpec
 
 OWNER = ("agent", "fleet", "seed")  # entries of a header that identify the log

@@ -20,7 +20,7 @@ from dcf_zenoh.configuration.building.geometry import FleetGeometry
 from dcf_zenoh.errors import RecordingError
 from dcf_zenoh.plant import Array, read_only
 from dcf_zenoh.records.agent_log import AgentLog, has_log
-from dcf_zenoh.records.writer import log_name
+from dcf_zenoh.records.log_writer import log_name
 from dcf_zenoh.spec import FleetSpec
 
 log = logging.getLogger(__name__)

@@ -13,7 +13,7 @@ from typing import Any, Self
 
 from agentd.run_directory import read_run_json
 from dcf_zenoh.records.agent_log import AgentLog
-from dcf_zenoh.records.writer import log_name
+from dcf_zenoh.records.log_writer import log_name
 from tests.support.small_fleet import small_fleet
 from tests.support.waiting import until
 

@@ -21,7 +21,7 @@ from agentd.endpoints import free_endpoints
 from dcf_zenoh.config import LoadedFleet, freeze, load
 from dcf_zenoh.errors import DcfError
 from dcf_zenoh.records.agent_log import AgentLog
-from dcf_zenoh.records.writer import log_name
+from dcf_zenoh.records.log_writer import log_name
 from tests.support.small_fleet import small_fleet
 
 AT_ONCE = 3  # fleets

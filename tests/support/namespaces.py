@@ -13,7 +13,7 @@ from typing import Self
 import pytest
 
 from dcf_zenoh.records.agent_log import AgentLog
-from dcf_zenoh.records.writer import log_name
+from dcf_zenoh.records.log_writer import log_name
 
 TOOLS = ("ip", "nft", "tc")
 DEVICE = "cable"

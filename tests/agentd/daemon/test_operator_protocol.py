@@ -29,7 +29,7 @@ from dcf_zenoh.config import load
 from dcf_zenoh.errors import MessageError
 from dcf_zenoh.faults.chain import FaultChain
 from dcf_zenoh.records.agent_log import AgentLog
-from dcf_zenoh.records.writer import Recorder
+from dcf_zenoh.records.log_writer import Recorder
 from dcf_zenoh.spec import FaultTable, Table
 from tests.support.deliveries import MS, S, convey, delivery
 from tests.support.lossy_fleets import lossy

@@ -8,7 +8,7 @@ from shutil import copytree
 import msgpack
 import pytest
 
-from dcf_zenoh.records.writer import log_name, read_stream
+from dcf_zenoh.records.log_writer import log_name, read_stream
 from tests.support.command_line import Answer
 from tests.support.faulty_runs import named
 

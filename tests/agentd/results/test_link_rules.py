@@ -13,8 +13,8 @@ from dcf_zenoh.analysis.link_health import Crossing, LinkHealth, link_health
 from dcf_zenoh.config import load
 from dcf_zenoh.faults.bursts import Bursts
 from dcf_zenoh.graph import Graph
+from dcf_zenoh.records.log_writer import log_name
 from dcf_zenoh.records.run import Run
-from dcf_zenoh.records.writer import log_name
 from dcf_zenoh.spec import FaultRule
 from tests.support.command_line import Answer
 from tests.support.lossy_fleets import lossy

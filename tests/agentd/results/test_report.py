@@ -20,7 +20,7 @@ from agentd.results.summary import summary_table
 from dcf_zenoh import Run
 from dcf_zenoh.analysis.link_health import link_health
 from dcf_zenoh.errors import RecordingError
-from dcf_zenoh.records.writer import log_name, read_stream
+from dcf_zenoh.records.log_writer import log_name, read_stream
 from tests.support.faulty_runs import named
 
 AVERAGE = """

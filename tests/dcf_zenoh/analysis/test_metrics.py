@@ -11,8 +11,8 @@ from dcf_zenoh.analysis.metrics import intrusions, overshoot, tracking_error
 from dcf_zenoh.config import load
 from dcf_zenoh.plant import Array, Setpoint, State, read_only
 from dcf_zenoh.records.agent_log import AgentLog
+from dcf_zenoh.records.log_writer import Recorder, StepRecord
 from dcf_zenoh.records.run import Run
-from dcf_zenoh.records.writer import Recorder, StepRecord
 
 STEP = 200_000_000  # ns
 ZERO = np.zeros(2)

@@ -4,7 +4,7 @@ import numpy as np
 
 from dcf_zenoh.plant import Setpoint, State, read_only
 from dcf_zenoh.records.agent_log import AgentLog
-from dcf_zenoh.records.writer import Recorder, StepRecord
+from dcf_zenoh.records.log_writer import Recorder, StepRecord
 
 
 def test_setpoints_in_the_plane_and_in_space_share_a_table() -> None:

@@ -14,8 +14,8 @@ from dcf_zenoh.analysis.link_health import link_health
 from dcf_zenoh.config import load
 from dcf_zenoh.errors import RecordingError
 from dcf_zenoh.records.agent_log import AgentLog
+from dcf_zenoh.records.log_writer import StepRecord, length_of_complete, log_name, read_stream
 from dcf_zenoh.records.run import Run
-from dcf_zenoh.records.writer import StepRecord, length_of_complete, log_name, read_stream
 from dcf_zenoh.spec import FleetSpec
 from tests.support.faulty_runs import named
 

@@ -20,7 +20,7 @@ from dcf_zenoh.loop.agent import Ending
 from dcf_zenoh.message import Last
 from dcf_zenoh.messaging.mailbox import Mailbox
 from dcf_zenoh.plant import NoPlant
-from dcf_zenoh.records.writer import Recorder
+from dcf_zenoh.records.log_writer import Recorder
 from dcf_zenoh.requests import Loop, Wait
 from dcf_zenoh.rounds.activation import ActivationSchedule
 from dcf_zenoh.rounds.asynchronous import Asynchronous
