@@ -10,6 +10,8 @@ from dcf_zenoh.errors import NumericalError
 from dcf_zenoh.plugins import known
 from tests.support.daemons import launch_virtual
 
+pytestmark = pytest.mark.no_cover  # many rounds of the same lines
+
 FLEETS = {
     "quadratic": [[1.0]] * 4,
     "allocation": [[4.0], [3.0], [1.5], [1.5]],

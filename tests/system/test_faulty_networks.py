@@ -14,6 +14,8 @@ from dcf_zenoh.analysis.link_health import link_health
 from dcf_zenoh.records.run import Run
 from tests.support.daemons import both_cores_busy, launch_virtual
 
+pytestmark = pytest.mark.no_cover  # many rounds of the same lines
+
 FLEETS = (
     "position_swap_lossy",
     "position_swap_async",

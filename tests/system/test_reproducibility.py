@@ -16,6 +16,8 @@ from dcf_zenoh.records.run import Run
 from tests.support.daemons import both_cores_busy, launch_virtual
 from tests.support.references import INSTANCES, Reference
 
+pytestmark = pytest.mark.no_cover  # many rounds of the same lines
+
 EXAMPLES = Path(__file__).parents[2] / "examples"
 TEN_STEPS = "time.duration=2.0"
 

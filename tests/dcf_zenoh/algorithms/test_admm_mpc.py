@@ -24,6 +24,8 @@ from tests.support.references import Reference
 from tests.support.swaps import SAMPLE_TIME, moment
 from topologies.ring import ring
 
+pytestmark = pytest.mark.no_cover  # many rounds of the same lines
+
 POTENTIAL = ("n4_complete_start", "n4_line_agg", "n4_star_boxactive")
 
 

@@ -10,6 +10,8 @@ from dcf_zenoh.plant import Array
 from dcf_zenoh.problems.resource_allocation import ResourceAllocation
 from tests.support.answers import TOPOLOGIES, Problems, allocation, course, each, graph, random_graph
 
+pytestmark = pytest.mark.no_cover  # many rounds of the same lines
+
 ANSWER = each(4.0, 3.0, 1.5, 1.5)
 
 

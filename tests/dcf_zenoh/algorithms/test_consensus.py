@@ -31,6 +31,8 @@ from tests.support.answers import (
 )
 from topologies.ring import ring
 
+pytestmark = pytest.mark.no_cover  # many rounds of the same lines
+
 # Linear on P1: rounds, and the slowest rate on any of the four graphs.
 LINEAR: dict[str, tuple[Algorithm, int, float]] = {
     "gradient_tracking": (gradient_tracking, 500, 0.93),

@@ -21,6 +21,8 @@ from dcf_zenoh.testing import fleet_of, lockstep, lossy
 from tests.support.answers import TOPOLOGIES, Problems, cournot, course, each, graph, random_graph, two_players
 from topologies.complete import complete
 
+pytestmark = pytest.mark.no_cover  # many rounds of the same lines
+
 NASH, CAPPED = each(3.0, 2.0, 1.0, 0.0), each(7 / 3, 4 / 3, 1 / 3, 0.0)
 
 

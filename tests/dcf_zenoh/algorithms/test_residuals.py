@@ -11,6 +11,8 @@ from dcf_zenoh.problems.average import Average
 from dcf_zenoh.testing import fleet_of, lockstep
 from tests.support.answers import TOPOLOGIES, Problems, allocation, cournot, each, everywhere, graph, quadratic
 
+pytestmark = pytest.mark.no_cover  # many rounds of the same lines
+
 Case = tuple[Callable[[], Problems], dict[int, Array]]
 
 SQUARES: Case = (quadratic, everywhere(1.0))

@@ -22,6 +22,8 @@ from tests.support.answers import AGENTS, TOPOLOGIES, Problems, cournot, course,
 from tests.support.swaps import SAMPLE_TIME, distance_moment, together
 from topologies.ring import ring
 
+pytestmark = pytest.mark.no_cover  # many rounds of the same lines
+
 
 class Ball(NonlinearGame):
     """Each agent has one coordinate x_i of a point in the unit ball, and the more of it the better: greatest w'x."""

@@ -13,6 +13,8 @@ from dcf_zenoh.graph import Graph
 from dcf_zenoh.testing import fleet_of, lockstep
 from tests.support.references import DATA, INSTANCES, Reference
 
+pytestmark = pytest.mark.no_cover  # many rounds of the same lines
+
 ORDERS: dict[str, Literal["adapt_then_combine", "combine_then_adapt"]] = {
     "atc": "adapt_then_combine",
     "cta": "combine_then_adapt",

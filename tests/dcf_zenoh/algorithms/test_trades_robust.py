@@ -12,6 +12,8 @@ from dcf_zenoh.graph import Graph
 from dcf_zenoh.testing import Delay, check_algorithm, fleet_of, lockstep, lossy
 from tests.support.references import INSTANCES, Reference
 
+pytestmark = pytest.mark.no_cover  # many rounds of the same lines
+
 
 def error(reference: Reference, algorithm: object, rounds: int, links: Delay) -> float:
     """Largest distance of a decision from the equilibrium."""

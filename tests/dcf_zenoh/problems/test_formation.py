@@ -13,6 +13,8 @@ from dcf_zenoh.problems.shared.approach import Approach
 from plants.point_mass import PointMass
 from tests.support.fleet_files import problems
 
+pytestmark = pytest.mark.no_cover  # many rounds of the same lines
+
 OFFSETS = np.array([[0.5, 0.5], [-0.5, -0.5], [0.5, -0.5], [-0.5, 0.5]])
 MEAN = np.array([0.5, 0.0])  # of the starts in rendezvous.toml, below
 STARTS = ["agents.1.start=[0.0,2.0]", "agents.2.start=[-1.0,-1.0]", "agents.3.start=[2.0,0.5]"]
