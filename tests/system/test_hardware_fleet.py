@@ -23,7 +23,7 @@ pytestmark = [
     pytest.mark.timeout(300),
 ]
 LONG = 150.0  # s; a flight takes 15 s on a quiet machine
-AT_ONCE = 4  # fleets
+AT_ONCE = 3  # fleets
 
 
 class Flight(NamedTuple):
@@ -138,7 +138,9 @@ PLANS: Mapping[str, tuple[int, Callable[[Swarm, Path, int, str], Flight]]] = {
 
 
 class Flights:
-    """Flights of one swarm, some at a time. A flight asked for twice is flown once more, in a swarm of its own.
+    """Flights of two swarms, some at a time. A flight asked for twice is flown once more, in a swarm of its own.
+
+    One swarm has the fleets of two drones, one those of a single drone: an emulator has one thread.
 
     Args:
         folder: Directory for what they write.
@@ -147,13 +149,15 @@ class Flights:
     def __init__(self, folder: Path) -> None:
         self._folder = folder
         self._stack = ExitStack()
-        swarm = self._stack.enter_context(Swarm(folder / "truth", sum(size for size, _ in PLANS.values())))
+        names = {size: [name for name, (drones, _) in PLANS.items() if drones == size] for size in (2, 1)}
+        swarms = {
+            size: self._stack.enter_context(Swarm(folder / f"truth-{size}", size * len(names[size]))) for size in names
+        }
         pool = self._stack.enter_context(ThreadPoolExecutor(AT_ONCE))
         self._flights: dict[str, Future[Flight]] = {}
-        first = 1
         for name, (size, flown) in PLANS.items():
-            self._flights[name] = pool.submit(flown, swarm, folder / name.replace(" ", "_"), first, name)
-            first += size
+            first = 1 + size * names[size].index(name)
+            self._flights[name] = pool.submit(flown, swarms[size], folder / name.replace(" ", "_"), first, name)
 
     def __enter__(self) -> Self:
         return self
