@@ -4,8 +4,6 @@ import pytest
 
 from plants.crazyflie.emulator.supervisor import PERIOD, FirmwareSupervisor, Observation, SupervisorState
 
-pytestmark = pytest.mark.real_time
-
 STILL = Observation(thrust=False, tumbled=False, setpoint_age=0, healthy=True, ready_timeout=30000, landed_timeout=3000)
 UP = STILL._replace(thrust=True)
 

@@ -17,8 +17,6 @@ from plants.crazyflie.emulator.truth import Truth, read_truth
 from plants.crazyflie.model.vehicle import read
 from plants.sensing import LIGHTHOUSE
 
-pytestmark = pytest.mark.real_time
-
 
 class Flown:
     """A drone, flown without a clock.

@@ -9,8 +9,6 @@ import pytest
 from plants.crazyflie.emulator.crtp import LOG
 from plants.crazyflie.emulator.log_blocks import APPEND, CONTROL, CREATE, DELETE, START, STOP, LogBlocks, Variable
 
-pytestmark = pytest.mark.real_time
-
 
 def blocks(count: int = 8) -> LogBlocks:
     return LogBlocks([Variable(f"group.v{k}", "f", lambda k=k: 1.5 * k) for k in range(count)])  # type: ignore[misc]

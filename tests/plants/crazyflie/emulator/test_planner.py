@@ -24,8 +24,6 @@ from plants.crazyflie.emulator.planner import (
 )
 from plants.crazyflie.emulator.setpoints import STOP
 
-pytestmark = pytest.mark.real_time
-
 four = st.lists(st.floats(-3, 3), min_size=4, max_size=4).map(np.array)
 
 

@@ -22,8 +22,6 @@ from plants.crazyflie.model.cascade import (
     VELOCITY,
 )
 
-pytestmark = pytest.mark.real_time
-
 PI = math.pi
 LEGACY, PRESENT = 8, 12
 
