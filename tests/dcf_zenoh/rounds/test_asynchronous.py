@@ -30,8 +30,6 @@ from dcf_zenoh.rounds.sender import Sender
 from dcf_zenoh.simulation import run_agents
 from dcf_zenoh.spec import Rounds
 
-pytestmark = pytest.mark.no_cover  # many rounds of the same lines
-
 Trace = list[tuple[Any, ...]]
 RECORDER = Recorder(io.BytesIO(), 0, {})
 
