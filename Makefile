@@ -24,11 +24,11 @@ lint: $(READY)  ## format, style and types
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 
-quick: lint  ## lint, and the tests that take less than 0.6 s and no real time: what to run after every change
-	$(PYTEST) --numprocesses 2 --dist worksteal -m '$(SHORT)'
+quick: lint  ## lint, and the tests that take less than 0.4 s and no real time: what to run after every change
+	$(PYTEST) --numprocesses 2 --dist worksteal --junitxml $(DURATIONS)/1-short.xml -m '$(SHORT)'
 
 test: lint  ## every check but the large ones; fails below the branch coverage reached (pyproject.toml)
-	$(PYTEST) --numprocesses 2 --dist worksteal --cov --junitxml $(DURATIONS)/1-short.xml -m '$(SHORT)'
+	$(PYTEST) --numprocesses 2 --dist worksteal --cov -m '$(SHORT)'
 	$(PYTEST) --numprocesses 2 --dist worksteal --junitxml $(DURATIONS)/2-long.xml -m 'long and $(COMPUTING)'
 	$(PYTEST) --numprocesses 6 --dist worksteal --junitxml $(DURATIONS)/3-real-time.xml -m '$(WAITING)'
 	$(PYTEST) --numprocesses 2 --dist loadfile --junitxml $(DURATIONS)/4-whole-fleets.xml -m '$(FLEETS)'
@@ -37,7 +37,7 @@ test-all: test  ## every check
 	$(PYTEST) --numprocesses 2 --dist worksteal -m 'large and not real_time'
 	$(PYTEST) -m 'large and real_time'
 
-durations: $(READY)  ## write down how long the tests of the last make test took
+durations: $(READY)  ## write down how long the tests of the last make quick and make test took
 	$(BIN)/python -m tests.support.durations $(DURATIONS)/*.xml
 
 bench: $(READY)  ## ratios against a bare Zenoh loop and the bare generators

@@ -1,4 +1,4 @@
-"""How long tests take, by the JUnit files that ``make test`` leaves in ``build/durations``.
+"""How long tests take, by the JUnit files that ``make quick`` and ``make test`` leave in ``build/durations``.
 
     python -m tests.support.durations build/durations/*.xml
 
@@ -17,8 +17,8 @@ ROOT = Path(__file__).parents[2]
 RECORD = ROOT / "tests" / "durations.json"
 PAGE = ROOT / "docs" / "testing.md"
 BEGIN, END = "<!-- durations -->", "<!-- end of durations -->"
-LONG = 0.6  # s, of one test; longer ones are not in make quick
-RECORDED = 0.5  # s; what takes less is not written down
+LONG = 0.4  # s, of one test; longer ones are not in make quick
+RECORDED = 0.3  # s; what takes less is not written down
 IN_TABLE = 4.0  # s, of a file
 
 
