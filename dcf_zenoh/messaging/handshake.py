@@ -17,8 +17,8 @@ class Hello(NamedTuple):
         fingerprint: Hash of its fleet file, plug-ins and version.
         sent: When it was sent, by the sender's clock.
         echo: When the last hello to the sender was sent, by the receiver's clock; 0 if the sender has had none.
-        received: When that one arrived there, by the sender's clock; 0 if the sender has had none.
-        at: When this hello arrived, by the receiver's clock.
+        received: When that one was received there, by the sender's clock; 0 if the sender has had none.
+        at: When this hello was received, by the receiver's clock.
         incarnation: Number of restarts of the sender in this run.
         start: When fleet time was 0, by the sender's clock; 0 if it has not started.
     """
@@ -34,7 +34,7 @@ class Hello(NamedTuple):
 
     @classmethod
     def read(cls, data: bytes, neighbour: int, at: int) -> "Hello":
-        """Decode a hello that arrived from `neighbour` at the instant `at`, ns UTC.
+        """Decode a hello received from `neighbour` at the instant `at`, ns UTC.
 
         Raises:
             MessageError: `data` is no hello, or not one of `neighbour`.

@@ -287,8 +287,8 @@ class Exchange:
         """Neighbour -> position in its newest message of this step, m; without neighbours that send no position."""
         return {message.sender: message.position for message in self._receiver.messages if message.position}
 
-    def lost_neighbours(self, now: int, silent_after: int) -> dict[int, str]:
-        """Return the neighbours that died, failed, landed or have been silent for longer than `silent_after` ns.
+    def lost_neighbours(self, now: int, lost_after: int) -> dict[int, str]:
+        """Return the neighbours that died, failed, landed or have been silent for longer than `lost_after` ns.
 
         Returns:
             Neighbour -> the reason, in words.
@@ -300,6 +300,6 @@ class Exchange:
                 found[j] = dead
             elif self._receiver.departed.get(j) is Last.LANDED:
                 found[j] = "it has landed"
-            elif silence > silent_after:
+            elif silence > lost_after:
                 found[j] = f"nothing heard for {silence * 1e-9:.2f} s"
         return found

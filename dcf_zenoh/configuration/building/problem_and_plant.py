@@ -1,10 +1,13 @@
 """Construction of the problem and the plant of one agent."""
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
 
+from dcf_zenoh.diagnostics import show
+from dcf_zenoh.errors import PluginError, account
 from dcf_zenoh.plant import NoPlant, Plant, read_only
 from dcf_zenoh.plugins import accepted, create, load
 from dcf_zenoh.spec import FleetSpec
@@ -20,6 +23,47 @@ def problem_of(spec: FleetSpec, folder: Path, agent: int) -> Any:
     plugin = load("problems", own.kind, folder)
     nominal = {"nominal": accepted(plugin).complete(spec.problem.options)}
     return create(plugin, _known(spec, agent) | nominal, own.options, f"agents.{agent}: problem")
+
+
+def ask_about_starts(problem: object, method: str, *arguments: object) -> dict[int, str]:
+    """Ask a problem for what is wrong with the starts of a fleet.
+
+    Args:
+        problem: Problem of one agent.
+        method: Name of the method.
+        arguments: Arguments of the method.
+
+    Returns:
+        Agent -> text.
+
+    Raises:
+        PluginError: The method raised an exception, or returned something else.
+    """
+    found = _ask(problem, method, *arguments)
+    if not (isinstance(found, Mapping) and all(type(i) is int and isinstance(text, str) for i, text in found.items())):
+        expected = "agent -> text, of the agents whose start is wrong"
+        raise PluginError(f"{type(problem).__name__}.{method}() returned {show(found)}; expected {expected}")
+    return dict(found)
+
+
+def ask_for_note(problem: object, method: str, *arguments: object) -> str | None:
+    """Ask a problem for a note about a fleet; None if it has none. See `ask_about_starts`.
+
+    Raises:
+        PluginError: The method raised an exception, or returned something else.
+    """
+    found = _ask(problem, method, *arguments)
+    if not (found is None or isinstance(found, str)):
+        raise PluginError(f"{type(problem).__name__}.{method}() returned {show(found)}; expected text, or None")
+    return found
+
+
+def _ask(problem: object, method: str, *arguments: object) -> object:
+    """Return what a method of a problem returns."""
+    try:
+        return getattr(problem, method)(*arguments)
+    except Exception as error:
+        raise PluginError(f"{type(problem).__name__}.{method}() failed: {account(error)}") from error
 
 
 def plant_of(spec: FleetSpec, folder: Path, agent: int) -> Plant:

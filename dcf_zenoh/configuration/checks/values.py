@@ -4,7 +4,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
-from dcf_zenoh.configuration.building.problem_and_plant import plant_of, problem_of
+from dcf_zenoh.configuration.building.problem_and_plant import ask_about_starts, plant_of, problem_of
 from dcf_zenoh.configuration.reading.layout import STARTS
 from dcf_zenoh.diagnostics import Diagnostics
 from dcf_zenoh.errors import PluginError
@@ -98,7 +98,12 @@ def _check_sizes(made: Mapping[int, object], diagnostics: Diagnostics) -> None:
 
 
 def _check_starts(problem: object, starts: Mapping[int, tuple[float, ...]], diagnostics: Diagnostics) -> None:
-    check = getattr(problem, STARTS, None)
-    found: Mapping[int, str] = check({i: read_only(start) for i, start in starts.items()}) if check else {}
+    if not hasattr(problem, STARTS):
+        return
+    try:
+        found = ask_about_starts(problem, STARTS, {i: read_only(start) for i, start in starts.items()})
+    except PluginError as error:
+        diagnostics.add("problem", "; ".join(error.problems))
+        return
     for agent, text in found.items():
         diagnostics.add(f"agents.{agent}.start", text)

@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 
+from dcf_zenoh.configuration.building.problem_and_plant import ask_about_starts
 from dcf_zenoh.configuration.reading.draft import Draft
 from dcf_zenoh.diagnostics import listed, nearest, show
 from dcf_zenoh.errors import PluginError
@@ -86,7 +87,7 @@ def _clear(draft: Draft, problem: Plugin | None, count: int) -> Clear:
     try:
         if "target" in accepted(problem).missing(options):
             options["target"] = [0.0, 0.0]
-        check = getattr(create(problem, known, options, "problem"), STARTS)
+        made = create(problem, known, options, "problem")
     except PluginError:
         return lambda _places: True
-    return lambda places: not check(dict(zip(ids, map(read_only, places), strict=False)))
+    return lambda places: not ask_about_starts(made, STARTS, dict(zip(ids, map(read_only, places), strict=False)))

@@ -18,7 +18,7 @@ class PendingPacket(NamedTuple):
 class Outbox:
     """Replacement of `send_packet` of cflib's Crazyflie object, also for cflib's own calls.
 
-    The original holds a lock that is never released when the driver raises an exception, or when a reply arrives at the
+    The original holds a lock that is never released when the driver raises an exception, or when a reply comes at the
     moment of a retransmission; from then on every sender blocks. Here no lock is held while a driver sends: drivers can
     be called from several threads. Requests without a reply are sent again over every link that does not do so itself;
     cflib omits that over UDP and TCP.

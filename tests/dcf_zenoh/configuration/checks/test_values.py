@@ -121,3 +121,33 @@ def test_third_party_problem_can_check_all_starts(file: Path) -> None:
 @pytest.mark.parametrize("key", ["plant", "agents.2.plant"])
 def test_without_a_plant_of_that_name_nothing_is_made(key: str) -> None:
     assert found(f"{key}=mine") == [f"{key}: there is no [plants.mine]; there are: point, twin, hardware, emulated"]
+
+
+BAD_ANSWERS = [
+    ("return 1 / 0", "Meet.{method}() failed: ZeroDivisionError: division by zero (mine.py:5)"),
+    ("return 7", "Meet.{method}() returned 7; expected "),
+    ("return {'a': 1}", "Meet.{method}() returned {{'a': 1}}; expected "),
+]
+
+
+@pytest.mark.parametrize(("body", "text"), BAD_ANSWERS)
+@pytest.mark.parametrize(("method", "arguments"), [("check_starts", "starts"), ("deadlock", "starts, targets")])
+def test_failing_method_of_a_third_party_problem_is_reported_with_its_line(
+    file: Path, method: str, arguments: str, body: str, text: str
+) -> None:
+    lines = [
+        "class Meet:",
+        "    def __init__(self, *, target: tuple[float, ...], radius: float = 1.0):",
+        "        pass",
+    ]
+    lines += [f"    def {method}(self, {arguments}):", f"        {body}", *OWN[OWN.index("def descend") :].splitlines()]
+    (file.parent / "mine.py").write_text("\n".join(lines))
+    (problem,) = found(source=file)
+    assert problem.startswith("problem: " + text.format(method=method))
+
+
+def test_method_with_another_signature_is_reported(file: Path) -> None:
+    signature = "def check_starts(self):"
+    (file.parent / "mine.py").write_text(OWN.replace("def check_starts(self, starts):", signature))
+    (problem,) = found(source=file)
+    assert problem.startswith("problem: Meet.check_starts() failed: TypeError: ")
