@@ -115,7 +115,7 @@ class CrazyflieHardware(Plant):
             raise ValueError(f"start must be [x, y] or [x, y, z], in m, not {start.tolist()}")
         self._height = float(start[2]) if len(start) == 3 else flight.height
         check_range("height", self._height, *HEIGHT, "m")
-        self._bounds = _bounds(flight, watchdog, sample_time)
+        self._bounds = flight_bounds(flight, watchdog, sample_time)
         self._name = f"agent {agent}"
         self._start = Point(float(start[0]), float(start[1]), self._height)
         self._sample_time = sample_time
@@ -379,7 +379,7 @@ class CrazyflieHardware(Plant):
             raise PlantError(text if text.startswith(self._name) else f"{self._name}: {text}") from error
 
 
-def _bounds(flight: HardwareFlightOptions, watchdog: WatchdogOptions, sample_time: float) -> Bounds:
+def flight_bounds(flight: HardwareFlightOptions, watchdog: WatchdogOptions, sample_time: float) -> Bounds:
     """Return the limits of a flight, with the defaults that depend on the sample time."""
     hold_after = max(0.5, 2.5 * sample_time) if watchdog.hold_after is None else watchdog.hold_after
     return Bounds(

@@ -9,6 +9,7 @@ import numpy as np
 SILENCE = 0.3  # s; duration of a random silence
 LINK_LOST = 2.0  # s of silence after which the link counts as lost, as for a real client's radio
 HELD = 100  # packets each way that are held until the end of a silence; further ones are lost
+SPACING = 0.002  # s between two packets of one direction: a radio carries about 500 a second
 
 
 class RadioConditions(NamedTuple):
@@ -32,7 +33,7 @@ class PacketQueue:
 
     def __init__(self) -> None:
         self._in_transit: deque[tuple[float, bytes]] = deque()
-        self._last = 0.0
+        self._last = -SPACING
 
     @property
     def next(self) -> float | None:
@@ -40,8 +41,8 @@ class PacketQueue:
         return self._in_transit[0][0] if self._in_transit else None
 
     def send(self, due: float, wire: bytes) -> None:
-        """Let a packet arrive at `due`, s, or together with the previous one if that is later."""
-        self._last = max(self._last, due)
+        """Let a packet arrive at `due`, s, or right after the previous one if that is later."""
+        self._last = max(self._last + SPACING, due)
         self._in_transit.append((self._last, wire))
 
     def pop_due(self, now: float) -> Iterator[tuple[float, bytes]]:
@@ -52,7 +53,7 @@ class PacketQueue:
     def clear(self) -> None:
         """Lose all packets in transit."""
         self._in_transit.clear()
-        self._last = 0.0
+        self._last = -SPACING
 
     def waiting(self, now: float) -> int:
         """Return the number of packets that have not arrived by `now`, s."""

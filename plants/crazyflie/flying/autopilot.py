@@ -4,7 +4,7 @@ import logging
 import math
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 
 import numpy as np
 
@@ -22,11 +22,13 @@ log = logging.getLogger(__name__)
 CLIMB, CRUISE, DESCENT = 0.4, 0.3, 0.2  # m/s on average, under the firmware's own planner
 SHORTEST = 1.5  # s; least duration of a planned manoeuvre
 REPEAT_AFTER = 0.1  # s after which a command to the planner is repeated; after 2 s without any the drone would fall
+HANDOVERS = 3  # further notifications that setpoints end, once the planner has a plan: nothing confirms these
 RECENT = 0.1  # s; age of the last packet up to which the drone counts as reached by what is sent
 ACCEPT_TIMEOUT = 3.0  # s for the planner to accept a command, and for the drone to leave the ground
 LIFT_OFF = 0.05  # m above the ground
 OVERTIME = 4.0  # s for a manoeuvre beyond its planned duration
 REACHED, SLOW = 0.1, 0.15  # m and m/s within which the drone is at a point
+LAND_BELOW = 0.01  # m below the ground: the motors stop where the plan ends, from where the drone would drop
 NEAR_GROUND, STANDS_FOR = 0.06, 0.3  # m above the ground and s after which the drone counts as landed
 BRAKING = 0.8  # s
 SWITCHING_OFF = 3  # times that stop and disarming are sent
@@ -143,17 +145,24 @@ class Autopilot:
         due = time.monotonic() + period
         while not self._closed.wait(max(0.0, due - time.monotonic())):
             due = max(due + period, time.monotonic())
-            try:
-                if self._pose is not None:
-                    self._pose.forward(self._link)
-                if self.airborne and self._rank == FLY:
-                    problem = self._watchdog.check(planner_flies=self.planner_flies)
-                    if problem:
-                        self._abort(problem)
-                next(self._activity, None)
-            except Exception as error:  # the drone must not stay in the air, whatever fails here
-                log.exception("the pilot failed")
-                self._abort(f"the pilot failed: {type(error).__name__}: {error}")
+            self.work()
+
+    def work(self) -> None:
+        """Do what is due in one period: forward the pose, run the watchdog, and resume the activity.
+
+        The thread calls this; without the thread, such as in model time, a caller does, `Bounds.rate` times a second.
+        """
+        try:
+            if self._pose is not None:
+                self._pose.forward(self._link)
+            if self.airborne and self._rank == FLY:
+                problem = self._watchdog.check(planner_flies=self.planner_flies)
+                if problem:
+                    self._abort(problem)
+            next(self._activity, None)
+        except Exception as error:  # the drone must not stay in the air, whatever fails here
+            log.exception("the pilot failed")
+            self._abort(f"the pilot failed: {type(error).__name__}: {error}")
 
     def _abort(self, why: str) -> None:
         """Land, for the reason `why`."""
@@ -173,6 +182,7 @@ class Autopilot:
             self._link.high_level.takeoff(height, plan, yaw=None)
 
         until = time.monotonic() + ACCEPT_TIMEOUT
+        self._link.commander.send_notify_setpoint_stop()  # first: the climb begins when the drone executes it
         yield from self._command_planner(command, until)
         while self._height < LIFT_OFF and time.monotonic() < until:
             yield
@@ -186,12 +196,13 @@ class Autopilot:
         point = point._replace(z=allowed_height(point.z))
         far = _distance(self._telemetry.motion, point)
         plan = max(SHORTEST, far / CRUISE) if far > REACHED else 0.0
+        begun = time.monotonic()
         if plan:
             heading = self._telemetry.motion.yaw
-            yield from self._command_planner(
-                lambda: self._link.high_level.go_to(*point, heading, plan), time.monotonic() + ACCEPT_TIMEOUT
+            begun = yield from self._command_planner(
+                lambda: self._link.high_level.go_to(*point, heading, plan), begun + ACCEPT_TIMEOUT
             )
-        yield from self._hover_at(point, time.monotonic() + plan, "going to its start", done)
+        yield from self._hover_at(point, begun + plan, "going to its start", done)
 
     def _land_and_disarm(self, done: threading.Event) -> Iterator[None]:
         if self.airborne:
@@ -208,11 +219,13 @@ class Autopilot:
 
     def _descend(self) -> Iterator[None]:
         plan = max(SHORTEST, self._height / DESCENT)
-        yield from self._command_planner(
-            lambda: self._link.high_level.land(self.ground, plan, yaw=None),  # ignored while a landing runs
+        begun = yield from self._command_planner(
+            lambda: self._link.high_level.land(
+                self.ground - LAND_BELOW, plan, yaw=None
+            ),  # ignored while a landing runs
             time.monotonic() + ACCEPT_TIMEOUT,
         )
-        until = time.monotonic() + plan + OVERTIME
+        until = begun + plan + OVERTIME
         stood = math.inf
         while (now := time.monotonic()) < until and now - stood < STANDS_FOR:
             yield
@@ -224,14 +237,27 @@ class Autopilot:
         if self.airborne:
             self.failure = self.failure or f"it was not seen to land within {plan + OVERTIME:.1f} s"
 
-    def _command_planner(self, command: Callable[[], None], until: float) -> Iterator[None]:
-        """Send a command to the firmware's planner until it is accepted, or until an instant, in s."""
+    def _command_planner(self, command: Callable[[], None], until: float) -> Generator[None, None, float]:
+        """Send a command to the firmware's planner until it is accepted, or until an instant, in s.
+
+        The command comes before the notification that setpoints end. A planner without a plan executes a null setpoint:
+        in the other order the motors are off from the notification until the command, for as long as the radio is
+        silent. The planner starts at the drone in this order too, since its position is refreshed while it is idle.
+
+        Returns:
+            The instant at which the planner had accepted it, or `until`, monotonic clock, in s.
+        """
         began = time.monotonic()
         while not self._link.accepted_since(began) and time.monotonic() < until:
-            self._link.commander.send_notify_setpoint_stop()  # first: the planner then starts at the drone
             command()
+            self._link.commander.send_notify_setpoint_stop()
             yield from _pause(REPEAT_AFTER)
+        accepted = time.monotonic()
         self.planner_flies |= self._link.accepted_since(began)
+        for _ in range(HANDOVERS if self._link.accepted_since(began) else 0):
+            self._link.commander.send_notify_setpoint_stop()
+            yield from _pause(REPEAT_AFTER)
+        return accepted
 
     def _hover_at(self, point: Point, planned: float, what: str, done: threading.Event) -> Iterator[None]:
         """Leave control to the firmware's planner until `planned`, then hover at `point`; abort if not reached."""
