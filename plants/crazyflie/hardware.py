@@ -56,9 +56,9 @@ class CrazyflieHardware(Plant):
     height. On a setpoint without acceleration the drone brakes and holds the point where it can stop.
 
     The autopilot's thread sends setpoints and runs the watchdog, independently of the control loop. The drone lands by
-    itself when its battery is low, its state is stale, commands are missing or the link is lost; from then on `sense`
-    and `act` raise a `PlantError` with the reason. Take-off, flight to the start and landing are left to the firmware's
-    planner. If the program ends while the drone is in the air, `close` lands it.
+    itself when its battery is low, its state is stale, its position is not measured any more, commands are missing or
+    the link is lost; from then on `sense` and `act` raise a `PlantError` with the reason. Take-off, flight to the start
+    and landing are left to the firmware's planner. If the program ends while the drone is in the air, `close` lands it.
 
     Args:
         agent: Id of the agent.
@@ -66,7 +66,7 @@ class CrazyflieHardware(Plant):
         sample_time: Sample time t_s, in s.
         uri: URI of the drone: "radio://0/80/2M/E7E7E7E701", "usb://0", "udp://127.0.0.1:19850", "tcp://HOST:PORT".
         flight: Height, reference, beginning, speed limit and rate of the setpoints.
-        watchdog: Limits for battery, age of the state and missing commands.
+        watchdog: Limits for battery, age of the state, missing commands and a lost position.
         connection: Time-out, retries and cache of the connection.
         localisation: Geometry of base stations, or an external pose.
 
@@ -390,6 +390,9 @@ def flight_bounds(flight: HardwareFlightOptions, watchdog: WatchdogOptions, samp
         land_after=hold_after + 2.0 if watchdog.land_after is None else watchdog.land_after,
         battery_min=watchdog.battery_min,
         battery_low=watchdog.battery_low,
+        unmeasured_after=watchdog.unmeasured_after,
+        variance_max=watchdog.variance_max,
+        position_lost=watchdog.position_lost,
     )
 
 

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
-from plants.crazyflie.flying.bounds import check_range, check_ranges
+from plants.crazyflie.flying.bounds import PositionLost, check_range, check_ranges
 
 Reference: TypeAlias = Literal["velocity", "planned", "integrated", "position"]
 
@@ -68,6 +68,11 @@ class WatchdogOptions:
         hold_after: Time without a command after which the drone holds its position, in s; None: 0.5 s, or 2.5 samples
             if that is longer.
         land_after: Time without a command after which the drone lands, in s; None: 2 s more than `hold_after`.
+        unmeasured_after: Time for which the estimator uses no Lighthouse base station, after it had used some, after
+            which the position counts as lost, in s.
+        variance_max: Variance of the estimated position, on any axis, above which the position counts as lost, in m².
+        position_lost: What the drone does when its position is lost. "land": it lands. "continue": it flies on, by its
+            gyroscope and accelerometer, and drifts; a warning is logged.
 
     Raises:
         ValueError: A value is out of its range.
@@ -78,6 +83,9 @@ class WatchdogOptions:
     state_age_max: float = 0.5
     hold_after: float | None = None
     land_after: float | None = None
+    unmeasured_after: float = 0.5
+    variance_max: float = 0.01
+    position_lost: PositionLost = "land"
 
     def __post_init__(self) -> None:
         check_ranges(self)

@@ -100,7 +100,7 @@ def variables_of(
         "supervisor": {"info": ("H", bits)},
         "lighthouse": {
             "bsReceive": ("H", lambda: lighthouse.received),
-            "bsActive": ("H", lambda: lighthouse.active),
+            "bsActive": ("H", lambda: lighthouse.logged),
             "bsAvailable": ("H", lambda: 0xFFFF),
             "bsGeoVal": ("H", lambda: lighthouse.geometries),
             "bsCalVal": ("H", lambda: lighthouse.calibrations),

@@ -111,6 +111,7 @@ class Firmware:
         if self.now % PERIOD == 0:
             self._update_supervisor()
         self.body.fly(self._allowed(self.commander.setpoint), self.estimator.estimate)
+        self.lighthouse.step(self.now)
         measured = self.lighthouse.active != 0
         self.estimator.step(self.body.position, self.body.velocity, SLOT, measured=measured)
         self.battery.step(self.body.load, SLOT)

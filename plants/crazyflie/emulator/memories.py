@@ -14,6 +14,7 @@ PAGE, CALIBRATIONS = 0x100, 0x1000  # bytes per base station; first address of c
 GEOMETRY_SIZE, CALIBRATION_SIZE = 49, 61  # the last byte of each is its validity
 SIZE = 0x2000
 PERSIST = 0x0B
+REFRESH = 350  # ms; base stations without light leave the log within 0.7 s, as measured on the firmware of 2026.08
 
 
 class Lighthouse:
@@ -24,6 +25,7 @@ class Lighthouse:
 
     Attributes:
         received: Bits of the base stations whose light is received.
+        logged: Bits of the base stations that the log shows as used: those used since the last update but one.
     """
 
     def __init__(self, origins: Mapping[int, tuple[float, float, float]]) -> None:
@@ -36,6 +38,7 @@ class Lighthouse:
             self._pages[begin : begin + len(calibration)] = calibration
         self._stored = bytearray(self._pages)
         self.received = sum(1 << station for station in origins)
+        self.logged = self._used = self.active
 
     @property
     def geometries(self) -> int:
@@ -56,6 +59,12 @@ class Lighthouse:
     def status(self) -> int:
         """Status: 0, no base station is received; 1, none of the received ones is usable; 2, at least one is used."""
         return 2 if self.active else int(self.received > 0)
+
+    def step(self, now: int) -> None:
+        """Note which base stations are used in the slot at `now`, ms; update what the log shows when it is due."""
+        self._used |= self.active
+        if now % REFRESH == 0:
+            self.logged, self._used = self._used, 0
 
     def receive(self, channel: int, data: bytes) -> list[Packet]:
         """Handle a packet on the port of memories; return the answers."""

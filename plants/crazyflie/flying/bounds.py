@@ -1,7 +1,9 @@
 """Limits for the flight of a real Crazyflie."""
 
 from dataclasses import dataclass, fields
-from typing import Any
+from typing import Any, Literal, TypeAlias
+
+PositionLost: TypeAlias = Literal["land", "continue"]
 
 HEIGHT = (0.1, 2.5)  # m
 RANGES = {
@@ -11,6 +13,8 @@ RANGES = {
     "state_age_max": (0.1, 1.5, "s"),
     "hold_after": (0.1, 10.0, "s"),
     "land_after": (0.2, 30.0, "s"),
+    "unmeasured_after": (0.1, 30.0, "s"),
+    "variance_max": (1e-4, 1e3, "m²"),
     "battery_min": (3.0, 4.3, "V"),
     "battery_low": (2.8, 4.0, "V"),
 }
@@ -28,6 +32,9 @@ class Bounds:
         land_after: Time without a command after which the drone lands, in s.
         battery_min: Least voltage for the take-off, in V.
         battery_low: Voltage in flight below which the drone lands, in V.
+        unmeasured_after: Time without an active base station after which the position counts as lost, in s.
+        variance_max: Variance of the estimated position, on any axis, above which the position counts as lost, in m².
+        position_lost: What the drone does when its position is lost.
 
     Raises:
         ValueError: A value is out of its range.
@@ -40,6 +47,9 @@ class Bounds:
     land_after: float
     battery_min: float
     battery_low: float
+    unmeasured_after: float
+    variance_max: float
+    position_lost: PositionLost
 
     def __post_init__(self) -> None:
         check_ranges(self)

@@ -1,5 +1,6 @@
 """Monitoring of a Crazyflie in flight."""
 
+import logging
 import time
 
 from plants.crazyflie.connection.link import Link
@@ -7,6 +8,8 @@ from plants.crazyflie.flying.bounds import Bounds
 from plants.crazyflie.flying.pose import PoseFeed
 from plants.crazyflie.flying.setpoint_stream import SetpointStream
 from plants.crazyflie.flying.telemetry import CRASHED, FLYING, LOCKED, TUMBLED, Telemetry
+
+log = logging.getLogger(__name__)
 
 BATTERY_FOR = 0.5  # s for which the voltage has to be too low: it dips with every burst of thrust
 STOPPED_FOR = 1.0  # s with stopped motors
@@ -54,6 +57,9 @@ class Watchdog:
         """Start afresh, before a take-off."""
         self._battery_ok_at = self._checked_at = self._ready_at = time.monotonic()
         self._flying_at: float | None = None
+        self._station_at: float | None = None  # last instant with an active base station; None before the first
+        self._certain = False  # the variance has been small enough before
+        self._lost = ""  # why the position is lost, as last logged
 
     def check(self, *, planner_flies: bool) -> str:
         """Return what is wrong; empty if nothing is.
@@ -65,7 +71,9 @@ class Watchdog:
         if now - self._checked_at > STALL + 1.0 / self._bounds.rate:
             self._ready_at = now + STALL
         self._checked_at = now
-        return (self._body_problem(now) or self._silence_problem(planner_flies)) if now >= self._ready_at else ""
+        if now < self._ready_at:
+            return ""
+        return self._body_problem(now) or self._silence_problem(planner_flies) or self._position_problem(now)
 
     def _body_problem(self, now: float) -> str:
         health = self._telemetry.health
@@ -94,4 +102,32 @@ class Watchdog:
             return f"its battery was last heard of {age:.1f} s ago, at most {HEALTH_AGE_MAX:g} s is allowed"
         if (age := self._setpoints.command_age) > bounds.land_after:
             return f"no command for {age:.1f} s, at most {bounds.land_after:g} s is allowed"
+        return ""
+
+    def _position_problem(self, now: float) -> str:
+        """Return why the position is lost, if the drone has to react to that; otherwise log it."""
+        lost = self._position_lost(now)
+        if self._bounds.position_lost == "land":
+            return lost
+        if lost and not self._lost:
+            log.warning("it flies on, though its position is lost: %s", lost)
+        self._lost = lost
+        return ""
+
+    def _position_lost(self, now: float) -> str:
+        """Return why the position is not known any more; empty if it is, or never was since the take-off.
+
+        Without measurements the estimate drifts, while it goes on to change and looks like a sound one.
+        """
+        health, bounds = self._telemetry.health, self._bounds
+        if health.base_stations:
+            self._station_at = now
+        if self._station_at is not None and self._pose is None and now - self._station_at > bounds.unmeasured_after:
+            dark = now - self._station_at
+            return f"no base station for {dark:.1f} s, at most {bounds.unmeasured_after:g} s is allowed"
+        variance = float(health.variance.max())
+        if variance <= bounds.variance_max:
+            self._certain = True
+        elif self._certain:
+            return f"variance of its position {variance:.1e} m², at most {bounds.variance_max:g} m² is allowed"
         return ""

@@ -257,6 +257,18 @@ def test_a_state_that_stands_still_makes_it_land(drone: Emulated, cache: Path) -
     assert drone.commands("land")
 
 
+def test_lighthouse_that_goes_dark_makes_it_land(drone: Emulated, cache: Path) -> None:
+    with flying(drone, cache) as plant:
+        before = where(drone)
+        drone.say("base-stations 0")
+        text = trouble(plant, within=3.0)
+        assert text.startswith("agent 2: is landing: no base station for 0.")
+        assert text.endswith(" s, at most 0.5 s is allowed")
+        drive(plant.finish(0, "failed"))
+        assert np.hypot(*(where(drone) - before)[:2]) < 0.5
+    assert drone.landed_softly()
+
+
 def test_a_short_silence_is_survived(drone: Emulated, cache: Path) -> None:
     with flying(drone, cache) as plant:
         for _ in range(2):

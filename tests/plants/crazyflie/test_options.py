@@ -12,6 +12,10 @@ from plants.crazyflie.simulated import Crazyflie
 
 HARDWARE = Overrides(plant="hardware", clock="wall")
 
+LATER = {
+    f"watchdog.{key}" for key in ("unmeasured_after", "variance_max", "position_lost")
+}  # since there are sub-tables
+
 
 def paths(schema: Schema, prefix: str = "") -> set[str]:
     """The paths of all keys that are not sub-tables."""
@@ -25,7 +29,7 @@ def paths(schema: Schema, prefix: str = "") -> set[str]:
 def test_every_earlier_key_has_a_present_one(plant: Any) -> None:
     present = paths(accepted(plant))
     assert set(plant.RENAMED.values()) <= present
-    assert set(plant.RENAMED.values()) >= {path for path in present if "." in path}
+    assert set(plant.RENAMED.values()) >= {path for path in present if "." in path} - LATER
 
 
 @pytest.mark.parametrize(("key", "path"), CrazyflieHardware.RENAMED.items())

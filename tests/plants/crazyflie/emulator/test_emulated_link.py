@@ -115,7 +115,7 @@ def test_base_stations_are_written_stored_and_read_back(cf: Client, drone: Emula
     until(lambda: done, "all is written", 20.0)
     assert done == [True]
     until(lambda: cf.logged["lighthouse.bsGeoVal"] == 0b10, "station 0 is gone")
-    assert cf.logged["lighthouse.bsActive"] == 0b10
+    until(lambda: cf.logged["lighthouse.bsActive"] == 0b10, "the log shows it, after 0.7 s at most", 2.0)
 
     read: dict[int, LighthouseBsGeometry] = {}
     LighthouseMemHelper(cf.cf).read_all_geos(read.update)

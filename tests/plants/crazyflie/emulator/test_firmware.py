@@ -174,7 +174,15 @@ def test_estimator_without_base_stations_gets_unsure_and_recovers_by_a_position_
     with flown.truth:
         assert estimator.variance < 1e-3
         flown.firmware.lighthouse.received = 0
-        flown.run(5.0)
+        flown.run(1.1)
+        assert estimator.variance < 1e-3
+        flown.run(0.2)
+        assert estimator.variance > 1e-3
+        flown.run(1.2)
+        assert estimator.variance < 1e-2
+        flown.run(0.3)
+        assert estimator.variance > 1e-2
+        flown.run(4.0)
         assert estimator.variance > 0.1
         for _ in range(200):
             flown.tell(crtp.LOCALISATION, 0, "fff", *flown.firmware.body.position)
