@@ -30,6 +30,7 @@ from plants.crazyflie.options import (
     HardwareFlightOptions,
     LocalisationOptions,
     WatchdogOptions,
+    check_reference,
 )
 
 log = logging.getLogger(__name__)
@@ -71,7 +72,7 @@ class CrazyflieHardware(Plant):
         localisation: Geometry of base stations, or an external pose.
 
     Raises:
-        ValueError: An option is out of its range.
+        ValueError: An option is out of its range, or the reference does not follow at this sample time.
 
     Source: Memon et al. for the reference "velocity".
     """
@@ -115,6 +116,7 @@ class CrazyflieHardware(Plant):
             raise ValueError(f"start must be [x, y] or [x, y, z], in m, not {start.tolist()}")
         self._height = float(start[2]) if len(start) == 3 else flight.height
         check_range("height", self._height, *HEIGHT, "m")
+        check_reference(flight.reference, sample_time)
         self._bounds = flight_bounds(flight, watchdog, sample_time)
         self._name = f"agent {agent}"
         self._start = Point(float(start[0]), float(start[1]), self._height)

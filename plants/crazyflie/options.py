@@ -6,6 +6,7 @@ from typing import Literal, TypeAlias
 from plants.crazyflie.flying.bounds import PositionLost, check_range, check_ranges
 
 Reference: TypeAlias = Literal["velocity", "planned", "integrated", "position"]
+FOLLOWED = (0.1, 0.3)  # s; sample times at which the reference "velocity" follows accelerations well enough
 
 
 @dataclass(frozen=True)
@@ -140,3 +141,27 @@ def check_height(height: float) -> None:
     """
     if not height > 0:
         raise ValueError(f"height must be positive, in m, not {height}")
+
+
+def check_reference(reference: Reference, sample_time: float) -> None:
+    """Check that the reference follows accelerations at this sample time.
+
+    Under the reference "velocity" the body accelerates by about 4.3 t_s a, since the firmware's velocity loop takes 0.3
+    s. `position_swap`, with a horizon of 0.6 s, has h = -0.19 at 0.05 s, 0.01 at 0.1 s, 0.06 at 0.15 s, 0.17 at 0.25
+    and 0.3 s; at 0.4 s it does not arrive.
+
+    Args:
+        reference: Reference that the firmware follows.
+        sample_time: Sample time t_s, in s.
+
+    Raises:
+        ValueError: The reference is "velocity", and the sample time is out of its range.
+    """
+    shortest, longest = FOLLOWED
+    if reference == "velocity" and not shortest - 1e-9 <= sample_time <= longest + 1e-9:
+        raise ValueError(
+            f"flight.reference 'velocity' needs a time.sample_time of {shortest:g} to {longest:g} s, not"
+            f" {sample_time:g} s: under the measured velocity + a t_s the body accelerates by about"
+            f" {4.3 * sample_time:.2g} a, and does not brake as the plans expect; choose a sample time in this range,"
+            " or for a problem that decides on velocities or positions flight.reference 'planned' or 'position'"
+        )

@@ -7,7 +7,7 @@ import numpy as np
 
 from dcf_zenoh.plant import Array, Plant, Setpoint, State, read_only
 from plants.crazyflie.model.vehicle import read
-from plants.crazyflie.options import FlightOptions, check_height
+from plants.crazyflie.options import FlightOptions, check_height, check_reference
 from plants.sensing import LIGHTHOUSE
 from plants.wind import Wind, WindOptions
 
@@ -40,7 +40,7 @@ class Crazyflie(Plant):
         wind: Mean velocity and gusts of the air.
 
     Raises:
-        ValueError: An option is out of its range.
+        ValueError: An option is out of its range, or the reference does not follow at this sample time.
 
     Source: Memon et al. for the reference "velocity"; for the model see `model.dynamics` and `model.cascade`.
     """
@@ -69,6 +69,7 @@ class Crazyflie(Plant):
         check_height(self._height)
         if len(start) not in (2, 3):
             raise ValueError(f"start must be [x, y] or [x, y, z], in m, not {start.tolist()}")
+        check_reference(flight.reference, sample_time)
         vehicle = read(parameters)
         self._vehicle = vehicle if mass is None else vehicle.carrying(mass)
         self._on_ground = read_only([*start[:2], 0.0])

@@ -52,7 +52,7 @@ def check(
     graph = None
     if not diagnostics.within("topology") and (run_plugins or is_built_in("topologies", spec.topology.kind)):
         graph = _check_graph(spec, folder, diagnostics)
-    check_values(spec, folder, diagnostics, run_plugins=run_plugins)
+    check_values(spec, folder, diagnostics, notes, run_plugins=run_plugins)
     if not diagnostics:
         check_layout(spec, lookup)
     check_needs(spec, folder, graph, diagnostics, run_plugins=run_plugins)

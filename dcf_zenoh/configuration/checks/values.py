@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from dcf_zenoh.configuration.building.problem_and_plant import ask_about_starts, plant_of, problem_of
+from dcf_zenoh.configuration.checks.braking import check_braking
 from dcf_zenoh.configuration.reading.layout import STARTS
 from dcf_zenoh.diagnostics import Diagnostics
 from dcf_zenoh.errors import PluginError
@@ -17,7 +18,9 @@ from dcf_zenoh.spec import FleetSpec
 SIZES = {"size": "components of a decision", "rows": "shared constraints"}  # must be equal at all agents
 
 
-def check_values(spec: FleetSpec, folder: Path, diagnostics: Diagnostics, *, run_plugins: bool) -> None:
+def check_values(
+    spec: FleetSpec, folder: Path, diagnostics: Diagnostics, notes: list[str], *, run_plugins: bool
+) -> None:
     """Construct the plant and the problem of every agent, and add what they refuse to the diagnostics.
 
     Only built-in kinds are constructed, and third-party problems that have a method ``check_starts`` or that check
@@ -29,6 +32,7 @@ def check_values(spec: FleetSpec, folder: Path, diagnostics: Diagnostics, *, run
         spec: Specification of the fleet.
         folder: Folder that paths of plug-ins are relative to.
         diagnostics: Errors, to which new ones are added.
+        notes: Remarks, to which new ones are added.
         run_plugins: Whether third-party code may run.
     """
     if diagnostics.within("time") or diagnostics.within("plant"):
@@ -48,8 +52,19 @@ def check_values(spec: FleetSpec, folder: Path, diagnostics: Diagnostics, *, run
             return
         made = {i: problem_of(spec, folder, i) for i in spec.ids}
         _check_sizes(made, diagnostics)
+        check_braking(spec, made, _real(spec, sound), diagnostics, notes)
         if all(starts.values()):
             _check_starts(made[spec.ids[0]], starts, diagnostics)
+
+
+def _real(spec: FleetSpec, agents: Sequence[int]) -> list[int]:
+    """Return the agents whose plant moves in the real world, as far as it is built in."""
+    kinds = {i: own.kind for i in agents if (own := spec.agent(i).plant) is not None}
+    return [
+        i
+        for i, kind in kinds.items()
+        if is_built_in("plants", kind) and getattr(load("plants", kind, Path()), "real", False)
+    ]
 
 
 def _may_be_made(spec: FleetSpec, folder: Path, *, run_plugins: bool) -> bool:

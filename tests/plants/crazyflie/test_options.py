@@ -52,3 +52,31 @@ def test_value_out_of_range_is_refused_at_its_sub_table(change: str, text: str) 
     with pytest.raises(ConfigurationError) as refused:
         load("position_swap", HARDWARE, changes=[f"plants.hardware.{change}"])
     assert f"plants.hardware.{text}" in refused.value.problems
+
+
+@pytest.mark.parametrize(("plant", "clock"), [("twin", "virtual"), ("hardware", "wall")])
+@pytest.mark.parametrize("sample_time", [0.02, 0.05, 0.09, 0.31, 0.5])
+def test_velocities_are_no_reference_at_sample_times_at_which_they_are_not_followed(
+    plant: str, clock: Any, sample_time: float
+) -> None:
+    horizon = max(3, round(0.6 / sample_time))
+    changes = [
+        f"time.sample_time={sample_time}",
+        f"exchange.budget={sample_time}",
+        f"problem.prediction.horizon={horizon}",
+    ]
+    with pytest.raises(ConfigurationError) as refused:
+        load("position_swap", Overrides(plant=plant, clock=clock), changes=changes)
+    text = f"flight.reference 'velocity' needs a time.sample_time of 0.1 to 0.3 s, not {sample_time:g} s: "
+    assert all(text in problem for problem in refused.value.problems)
+    load(
+        "position_swap",
+        Overrides(plant=plant, clock=clock),
+        changes=[*changes, f"plants.{plant}.flight.reference=planned"],
+    )
+
+
+@pytest.mark.parametrize("sample_time", [0.1, 0.15, 0.2, 0.3])
+def test_velocities_are_a_reference_at_sample_times_at_which_they_are_followed(sample_time: float) -> None:
+    changes = [f"time.sample_time={sample_time}", f"exchange.budget={sample_time}"]
+    load("position_swap", Overrides(plant="twin"), changes=changes)
