@@ -17,7 +17,7 @@ from dcf_zenoh.graph import Graph, Neighbourhood
 from dcf_zenoh.loop.agent import Agent, AgentOptions, Ending
 from dcf_zenoh.loop.agent_faults import NodeFaults
 from dcf_zenoh.loop.phases import first_number
-from dcf_zenoh.messaging.mailbox import Mailbox
+from dcf_zenoh.messaging.mailbox import Limits, Mailbox
 from dcf_zenoh.plant import Array, Plant, State
 from dcf_zenoh.plugins import bind, create, load
 from dcf_zenoh.records.log_writer import Recorder, StepRecord
@@ -109,7 +109,8 @@ class Blueprint:
         me = Me(agent, spec.ids, neighbourhood, np.random.Generator(np.random.Philox([spec.seed, agent])))
         problem, plant = problem_of(spec, self.fleet.folder, agent), self.plant(agent)
         first = first_number(neighbourhood.diameter)
-        mailbox = Mailbox(neighbourhood.receives_from, first=None if restart else first)
+        limits = Limits(spec.steps, spec.exchange.max_rounds, nanoseconds(spec.time.sample_time))
+        mailbox = Mailbox(neighbourhood.receives_from, first=None if restart else first, limits=limits)
         links = links_to(spec, self.fleet.folder, self.graph, agent)
         sender = Sender(agent, restart.incarnation, 0) if restart else Sender(agent, 0, first)
         node_faults = NodeFaults(

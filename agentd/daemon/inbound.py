@@ -1,16 +1,18 @@
 """Reading from the network: messages into an agent's mailbox, events to their handlers."""
 
 import logging
+import time
 from collections.abc import Callable, Mapping
 
-from dcf_zenoh.errors import NetworkError, Stopped
-from dcf_zenoh.message import Message
+from dcf_zenoh.errors import MessageError, NetworkError, Stopped
+from dcf_zenoh.message import GOODBYE, Message
 from dcf_zenoh.messaging.handshake import ClockOffset, Hello
 from dcf_zenoh.messaging.mailbox import Mailbox
-from dcf_zenoh.messaging.network import Agreed, Command, Lost, Network, Refused, Stop
+from dcf_zenoh.messaging.network import CHANNEL_SIZE, Agreed, Command, Lost, Network, Refused, Stop
 
 log = logging.getLogger(__name__)
-REFUSALS_LOGGED = 5
+REFUSALS_LOGGED = 5  # messages, and hellos
+EARLY = 100_000_000  # ns by which a step may begin at a sender before it does here, in addition to a control period
 
 
 class Inbound:
@@ -38,22 +40,26 @@ class Inbound:
         self._stamp = stamp
         self._handle = handle
         self.agreed = False
+        self._hellos_refused = 0
 
     def wait(self, sender: int, deadline: float) -> bool:
         """Read the next message of `sender`, or an event; return whether there was any before `deadline`, monotonic s.
+
+        A message that is not news does not count after the deadline: no number of those prolongs a wait.
 
         Raises:
             Stopped: An event stops the agent.
         """
         found = self._network.receive(sender, deadline)
         if found is not None:
-            self._take(found)
-            return True
+            return self._take(found) or time.monotonic() < deadline
         return self.events(0.0)
 
     def drain(self, sender: int) -> None:
         """Read the messages of `sender` that have been received so far."""
-        while (found := self._network.poll(sender)) is not None:
+        for _ in range(CHANNEL_SIZE):  # no more: messages may come as fast as they are read
+            if (found := self._network.poll(sender)) is None:
+                break
             self._take(found)
 
     def events(self, deadline: float) -> bool:
@@ -80,25 +86,34 @@ class Inbound:
         return event is not None
 
     def _answer(self, hello: Hello) -> None:
-        """Answer a neighbour that came later; after a restart of the neighbour, begin a new queue for it."""
+        """Answer a neighbour that came later; after its restart, accept messages of its new incarnation."""
         if hello.echo:  # the sender has an answer already: answering answers would never end
             return
         try:
             self._network.answer(hello)
         except NetworkError as error:
-            log.warning("%s", error)
+            self._hellos_refused += 1
+            if self._hellos_refused <= REFUSALS_LOGGED:
+                log.warning("%s", error)
             return
-        j = hello.sender
-        if j in self._mailbox.senders and hello.incarnation > self._mailbox.incarnation(j):
-            self._mailbox.restart(j, hello.incarnation)
+        if hello.sender in self._mailbox.senders:
+            self._mailbox.greet(hello.sender, hello.incarnation)
 
-    def _take(self, found: Message | Refused) -> None:
+    def _take(self, found: Message | Refused) -> bool:
+        """Put a message into the mailbox, or count and log why it is none; return whether it was news."""
         if isinstance(found, Refused):
-            self._mailbox.refused += 1
-            if self._mailbox.refused <= REFUSALS_LOGGED:
-                log.warning("refused a message on %s: %s", found.key, found.reason)
-        else:
-            self._mailbox.put(found, *self._stamp(found))
+            self._refuse(found.key, found.reason)
+            return False
+        try:
+            return self._mailbox.put(found, *self._stamp(found))
+        except MessageError as error:
+            self._refuse(f"the link from agent {found.sender}", str(error))
+            return False
+
+    def _refuse(self, place: str, reason: str) -> None:
+        self._mailbox.refused += 1
+        if self._mailbox.refused <= REFUSALS_LOGGED:
+            log.warning("refused a message on %s: %s", place, reason)
 
 
 class Stamps:
@@ -111,16 +126,27 @@ class Stamps:
     Args:
         now: Returns fleet time, ns.
         offsets: Neighbour -> how far its clock is ahead.
+        sample_time: Control period, ns; 0: not known, and no message is too early.
     """
 
-    def __init__(self, now: Callable[[], int], offsets: Mapping[int, ClockOffset]) -> None:
+    def __init__(self, now: Callable[[], int], offsets: Mapping[int, ClockOffset], sample_time: int = 0) -> None:
         self._now = now
+        self._sample_time = sample_time
+        self._early = sample_time + EARLY
         self._ahead = {j: offset.significant for j, offset in offsets.items()}
         self._last: dict[int, int] = {}
 
     def __call__(self, message: Message) -> tuple[int, int]:
-        """Return when `message`, read now, entered its link, and now; in order of sending for each sender."""
+        """Return when `message`, read now, entered its link, and now; in order of sending for each sender.
+
+        Raises:
+            MessageError: It is of a step that is far from beginning.
+        """
         now, sender = self._now(), message.sender
+        if message.step * self._sample_time > now + self._early and message.last < GOODBYE:
+            raise MessageError(
+                f"step {message.step} begins at {message.step * self._sample_time * 1e-9:g} s; it is {now * 1e-9:.3f} s"
+            )
         if message.step < 0:  # before the common start
             return now, now
         sent = message.sent - self._ahead.get(sender, 0)

@@ -49,7 +49,8 @@ class WallRunner(Runner):
         self._handle = handle
         self._report = report
         self._clock = WallClock()
-        self._inbound = Inbound(network, parts.mailbox, Stamps(self._clock.now, offsets), self._handle_now)
+        stamps = Stamps(self._clock.now, offsets, parts.mailbox.limits.sample_time)
+        self._inbound = Inbound(network, parts.mailbox, stamps, self._handle_now)
         if network.start:  # the fleet is already running
             self._clock.start(network.start)
 
@@ -104,8 +105,9 @@ class WallRunner(Runner):
 
     def _sleep(self, until: int) -> None:
         """Wait until `until`; handle events meanwhile, and at least once where that time has passed already."""
-        while self._inbound.events(self._clock.deadline(until)) or self._clock.now() < until:
-            pass
+        self._inbound.events(self._clock.deadline(until))
+        while self._clock.now() < until:  # not as long as there are events: they may come as fast as they are handled
+            self._inbound.events(self._clock.deadline(until))
         for j in self._mailbox.senders:  # a full channel would hold its sender up
             self._inbound.drain(j)
         self._mailbox.skip_gaps()  # in asynchronous mode no time-out does that

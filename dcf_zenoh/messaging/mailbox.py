@@ -1,12 +1,63 @@
 """Messages that have been received and are not consumed yet, in the order of sending."""
 
-from bisect import insort
+from bisect import bisect_right, insort
 from collections import deque
 from collections.abc import Iterable
+from typing import NamedTuple
 
-from dcf_zenoh.message import Last, Message
+from dcf_zenoh.errors import MessageError
+from dcf_zenoh.message import PLACE_MAX, Last, Message
 from dcf_zenoh.messaging.delivery import Delivery
 from dcf_zenoh.requests import NEVER
+
+GAP_MAX = 2**20  # numbers between the last message of a sender and one that is accepted
+AHEAD_MAX = 4096  # messages of a sender that wait behind a gap
+RESTARTS_MAX = 1000  # incarnations of a sender between the present one and one that is accepted
+CONTRADICTIONS = 3  # messages in a row that contradict the head of a link, before the head is given up
+
+
+class Limits(NamedTuple):
+    """What a message of a fleet can be at most.
+
+    Attributes:
+        step: Largest step.
+        round: Largest round.
+        sample_time: Control period, in ns; 0: not known.
+    """
+
+    step: int = PLACE_MAX
+    round: int = PLACE_MAX
+    sample_time: int = 0
+
+
+class _Numbers:
+    """Set of sequence numbers, kept as intervals: its size is that of their count, not of their lengths."""
+
+    __slots__ = ("_begins", "_ends")
+
+    def __init__(self) -> None:
+        self._begins: list[int] = []
+        self._ends: list[int] = []
+
+    def __len__(self) -> int:
+        return sum(self._ends) - sum(self._begins)
+
+    def add(self, begin: int, end: int) -> None:
+        """Add the numbers from `begin`, larger than all before, to `end`, exclusive."""
+        if begin < end:
+            self._begins.append(begin)
+            self._ends.append(end)
+
+    def remove(self, number: int) -> bool:
+        """Remove a number; return whether it was there."""
+        place = bisect_right(self._begins, number) - 1
+        if place < 0 or number >= self._ends[place]:
+            return False
+        begin, end = self._begins[place], self._ends[place]
+        parts = [each for each in ((begin, number), (number + 1, end)) if each[0] < each[1]]
+        self._begins[place : place + 1] = [each[0] for each in parts]
+        self._ends[place : place + 1] = [each[1] for each in parts]
+        return True
 
 
 class _SenderQueue:
@@ -18,12 +69,18 @@ class _SenderQueue:
         ready: Messages to be consumed.
         ahead: Messages after a gap, with their numbers, ascending.
         complete_to: Step and round up to which messages have been received without a gap.
+        newest: Step and round of the last message of the algorithm in `ready` so far.
         promise: Instant before which the sender will send nothing more, ns.
         goodbye: Kind of the sender's goodbye.
         skipped: Numbers given up.
+        contrary: Incarnation and number of the last message that contradicted `newest`.
+        contradictions: How many did in a row.
     """
 
-    __slots__ = ("ahead", "complete_to", "goodbye", "incarnation", "next", "promise", "ready", "skipped")
+    __slots__ = (
+        "ahead", "complete_to", "contradictions", "contrary", "goodbye", "incarnation", "newest", "next", "promise",
+        "ready", "skipped",
+    )  # fmt: skip
 
     def __init__(self, incarnation: int = 0, first: int | None = 0) -> None:
         self.incarnation = incarnation
@@ -31,19 +88,25 @@ class _SenderQueue:
         self.ready: deque[Delivery] = deque()
         self.ahead: list[tuple[int, Delivery]] = []
         self.complete_to = (-NEVER, 0)
+        self.newest = (-NEVER, 0)
         self.promise = -NEVER
         self.goodbye = Last.NO
-        self.skipped: set[int] = set()
+        self.skipped = _Numbers()
+        self.contrary = (-1, 0)
+        self.contradictions = 0
 
     def append(self, delivery: Delivery) -> None:
-        """Take in the next message."""
+        """Take in the next message. One after a goodbye shows that the goodbye was none."""
         message = delivery.message
         self.next = message.sequence + 1
         self.promise = max(self.promise, message.promise)
         if not message.last:
-            self.complete_to = (message.step, message.round)
+            self.complete_to = self.newest = (message.step, message.round)
+            self.goodbye = Last.NO
         elif message.last is Last.OF_STEP:
             self.complete_to = (message.step, NEVER)
+            self.newest = (message.step, message.round)
+            self.goodbye = Last.NO
         elif message.last is Last.AWAY:
             self.complete_to = max(self.complete_to, (message.step - 1, NEVER))
             return
@@ -52,6 +115,20 @@ class _SenderQueue:
             self.complete_to = (NEVER, 0)
             self.promise = NEVER
         self.ready.append(delivery)
+
+    def contradicted_by(self, message: Message) -> bool:
+        """Return whether `message`, whose number or incarnation is over, is the latest of several that are news.
+
+        Numbers, steps and rounds of a sender ascend together. So a message that is earlier by its number and later by
+        its step shows that this queue took in a message that its sender did not send, or that the sender is another.
+        """
+        if message.last >= Last.AWAY or (message.step, message.round) <= self.newest:
+            return False
+        incarnation, number = self.contrary
+        continues = message.incarnation == incarnation and message.sequence > number
+        self.contradictions = self.contradictions + 1 if continues else 1
+        self.contrary = message.incarnation, message.sequence
+        return self.contradictions >= CONTRADICTIONS
 
 
 class Mailbox:
@@ -63,67 +140,137 @@ class Mailbox:
     Args:
         senders: The in-neighbours.
         first: Number of their first message; None: they are already running, and any number may be the first.
+        limits: The attribute.
 
     Attributes:
+        limits: What a message can be at most.
         duplicates: Number of messages dropped because their sequence number had already been released.
         overtaken: Number of messages dropped because they came after their number had been given up, or from an
             earlier incarnation.
-        refused: Number of arrivals that were no messages.
+        refused: Number of arrivals that were no messages, or not plausible ones.
         lost: Neighbours that died -> how that was noticed.
     """
 
-    def __init__(self, senders: Iterable[int], *, first: int | None = 0) -> None:
+    def __init__(self, senders: Iterable[int], *, first: int | None = 0, limits: Limits = Limits()) -> None:  # noqa: B008
         self._queues = {sender: _SenderQueue(first=first) for sender in senders}
+        self._step_max = limits.step
+        self._round_max = limits.round
+        self.limits = limits
+        self._greeted: dict[int, int] = {}
         self.duplicates = 0
         self.overtaken = 0
         self.refused = 0
         self.lost: dict[int, str] = {}
 
-    def put(self, message: Message, entered: int, due: int | None = None) -> None:
-        """Take in one message.
+    def put(self, message: Message, entered: int, due: int | None = None) -> bool:
+        """Take in one message; return whether it is news, not a duplicate or one that was overtaken.
 
         Args:
             message: The message.
             entered: When it entered the link, fleet time in ns.
             due: When it was received, fleet time in ns; None: the same instant.
+
+        Raises:
+            MessageError: The message is not plausible, by the limits and by what was received before. It changed
+                nothing.
         """
         queue = self._queues[message.sender]
+        if message.step > self._step_max or message.round > self._round_max:
+            self._check_place(message)
         delivery = Delivery(message, entered, entered if due is None else due)
         if message.sequence == queue.next and message.incarnation == queue.incarnation and not queue.ahead:
             queue.append(delivery)
-        else:
-            self._sort_in(queue, delivery)
+            return True
+        return self._sort_in(queue, delivery)
 
-    def _sort_in(self, queue: _SenderQueue, delivery: Delivery) -> None:
-        """Take in a message that is not the next of its sender."""
+    def _check_place(self, message: Message) -> None:
+        """Refuse a message whose step or round is beyond the limits.
+
+        Raises:
+            MessageError: It is, and not a goodbye.
+        """
+        step, round = self._step_max, self._round_max
+        if message.step > step and not (message.step == NEVER and message.last > Last.AWAY):
+            raise MessageError(f"step {message.step}: expected at most {step}")
+        if message.round > round:
+            raise MessageError(f"round {message.round}: expected at most {round}")
+
+    def _sort_in(self, queue: _SenderQueue, delivery: Delivery) -> bool:
+        """Take in a message that is not the next of its sender; return whether it is news."""
         message = delivery.message
-        if message.incarnation != queue.incarnation:
-            if message.incarnation < queue.incarnation:
+        if message.incarnation > queue.incarnation:
+            queue = self._begin_incarnation(queue, message)
+        elif message.incarnation < queue.incarnation:
+            if not queue.contradicted_by(message):
                 self.overtaken += 1
-                return
-            queue = self.restart(message.sender, message.incarnation)
-        if queue.next is None:
-            queue.next = message.sequence
-        if message.sequence == queue.next:
+                return False
+            queue = self._begin_again(message)
+        gap = 0 if queue.next is None else message.sequence - queue.next
+        if gap < 0 and queue.contradicted_by(message):
+            queue, gap = self._begin_again(message), 0
+        if gap == 0:
             queue.append(delivery)
-            while queue.ahead and queue.ahead[0][0] <= queue.next:
-                number, waiting = queue.ahead.pop(0)
-                if number == queue.next:
-                    queue.append(waiting)
-                else:
-                    self.duplicates += 1
-        elif message.sequence in queue.skipped:
-            queue.skipped.discard(message.sequence)
-            self.overtaken += 1
-        elif message.sequence < queue.next:
-            self.duplicates += 1
+            self._append_ahead(queue)
+        elif gap < 0:
+            given_up = queue.skipped.remove(message.sequence)
+            self.overtaken += given_up
+            self.duplicates += not given_up
+            return False
+        elif gap > GAP_MAX:
+            raise MessageError(
+                f"sequence number {message.sequence} is {gap} after the one expected; at most {GAP_MAX} are accepted"
+            )
+        elif len(queue.ahead) >= AHEAD_MAX:
+            raise MessageError(f"{AHEAD_MAX} messages are waiting for number {queue.next}; no more are accepted")
         else:
             insort(queue.ahead, (message.sequence, delivery), key=lambda entry: entry[0])
+        return True
 
-    def restart(self, sender: int, incarnation: int) -> _SenderQueue:
-        """Begin a new queue for a restarted `sender`; unread messages of its earlier incarnation are dropped."""
+    def _append_ahead(self, queue: _SenderQueue) -> None:
+        """Take in the messages after a gap that is closed."""
+        assert queue.next is not None
+        while queue.ahead and queue.ahead[0][0] <= queue.next:
+            number, waiting = queue.ahead.pop(0)
+            if number == queue.next:
+                queue.append(waiting)
+            else:
+                self.duplicates += 1
+
+    def _begin_incarnation(self, queue: _SenderQueue, message: Message) -> _SenderQueue:
+        """Return a new queue for a sender that has restarted, as a hello, its death or its goodbye shows.
+
+        The first message that is received of a sender may have any incarnation.
+
+        Raises:
+            MessageError: Nothing does, or the number is far beyond the one before.
+        """
+        number, sender = message.incarnation, message.sender
+        expected = self._greeted.get(sender, 0) >= number or sender in self.lost or queue.goodbye or queue.next is None
+        if not expected:
+            raise MessageError(
+                f"incarnation {number} without a hello of it; expected {queue.incarnation}, as this sender lives"
+            )
+        if number - queue.incarnation > RESTARTS_MAX:
+            raise MessageError(
+                f"incarnation {number}: expected at most {queue.incarnation + RESTARTS_MAX}, {RESTARTS_MAX} more than"
+                " before"
+            )
+        return self._restart(sender, number, None if queue.next is None else 0)
+
+    def _begin_again(self, message: Message) -> _SenderQueue:
+        """Return a new queue that begins with a message which contradicts the present one."""
+        return self._restart(message.sender, message.incarnation, message.sequence)
+
+    def greet(self, sender: int, incarnation: int) -> None:
+        """Note the incarnation in a hello of `sender`: messages of it are accepted from now on."""
+        self._greeted[sender] = incarnation
+        if incarnation > self._queues[sender].incarnation:
+            self.lost.pop(sender, None)
+
+    def _restart(self, sender: int, incarnation: int, first: int | None) -> _SenderQueue:
+        """Begin a new queue for `sender`; unread messages of the earlier one are dropped."""
         self.lost.pop(sender, None)
-        self._queues[sender] = _SenderQueue(incarnation)
+        self._queues[sender] = _SenderQueue(incarnation, first)
         return self._queues[sender]
 
     def incarnation(self, sender: int) -> int:
@@ -149,7 +296,7 @@ class Mailbox:
             while queue.ahead:
                 number, delivery = queue.ahead.pop(0)
                 begin = number if queue.next is None else queue.next
-                queue.skipped.update(range(begin, number))
+                queue.skipped.add(begin, number)
                 if number >= begin:
                     queue.append(delivery)
                 else:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any, Generic, NamedTuple, Protocol, TypeVar
 
 from dcf_zenoh.algorithms.algorithm import Dialogue, Inbox
-from dcf_zenoh.errors import AlgorithmError, MessageError
+from dcf_zenoh.errors import AlgorithmError, MessageError, NumericalError
 from dcf_zenoh.graph import Neighbourhood
 from dcf_zenoh.message import Last
 from dcf_zenoh.messaging.mailbox import Mailbox
@@ -126,6 +126,7 @@ class StepExchange(NamedTuple, Generic[T]):
 
         Raises:
             AlgorithmError: The payload cannot be sent.
+            NumericalError: The payload is not finite.
         """
         dialogue = self.dialogue
         header = self.agreement.header(dialogue.residual)
@@ -133,6 +134,10 @@ class StepExchange(NamedTuple, Generic[T]):
             return self.sender.round(dialogue.payload, self.neighbourhood, self.step, round, now, header, promise)
         except MessageError as error:
             raise AlgorithmError(f"{dialogue.place} round {round}: {error}") from error
+        except NumericalError as error:
+            raise NumericalError(
+                f"{dialogue.place} round {round}: the algorithm's {error}; it diverges if a step size is too large"
+            ) from error
 
     def inbox(self, sent: Sent, round: int, *, stop: bool, synchronous: bool = True) -> Inbox:
         """Return what the algorithm sees of `round`."""
@@ -214,7 +219,7 @@ class Exchange:
 
         Raises:
             AlgorithmError: The dialogue broke the contract, or raised an exception.
-            NumericalError: A residual is not a number.
+            NumericalError: A residual is not a number, or a payload is not finite.
         """
         neighbourhood, settings, options = self._neighbourhood, self._settings, self._options
         agreement = Agreement(

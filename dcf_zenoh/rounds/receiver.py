@@ -7,10 +7,13 @@ from typing import Any, NamedTuple, TypeAlias
 
 from dcf_zenoh.algorithms.algorithm import Inbox
 from dcf_zenoh.faults.chain import FaultChain
-from dcf_zenoh.message import GOODBYE, Last, Message, Payload
+from dcf_zenoh.message import GOODBYE, Last, Message, Payload, not_finite
 from dcf_zenoh.messaging.delivery import Delivery
 from dcf_zenoh.messaging.mailbox import Mailbox
 from dcf_zenoh.requests import NEVER
+
+NOT_FINITE = "not finite"  # why a message counts as lost whose payload faults changed into NaN or infinity
+_NO_GOODBYE = (NEVER, 0)
 
 
 @dataclass(slots=True)
@@ -33,7 +36,7 @@ class Passed(NamedTuple):
         round: Round in which it was sent.
         entered: When it entered the link.
         due: When it was due at the receiver; -1 if it was lost.
-        lost_by: Name of the fault that lost it, or empty.
+        lost_by: Name of the fault that lost it, `NOT_FINITE` if faults made its payload so, or empty.
     """
 
     sender: int
@@ -119,6 +122,7 @@ class Receiver:
         self._names: Set[Any] = frozenset()  # of the agent's own payload
         self._names_since = 0  # round since which its payload has had them
         self.departed: dict[int, Last] = {}
+        self._goodbyes: dict[int, tuple[int, int]] = {}  # neighbour -> incarnation and number of its goodbye
         self.passed: list[Note] = []
         self.last_received: dict[int, int] = {}
 
@@ -202,10 +206,15 @@ class Receiver:
 
     def _convey(self, delivery: Delivery, faults: FaultChain, neighbour: _NeighbourState) -> None:
         """Lead one message through `faults`."""
-        passage = faults.convey(Delivery(delivery.message, delivery.entered, delivery.entered, self._position))
-        if not passage.deliveries:
+        message = delivery.message
+        passage = faults.convey(Delivery(message, delivery.entered, delivery.entered, self._position))
+        lost_by = passage.lost_by
+        if any(each.message is not message and not_finite(each.message.payload) for each in passage.deliveries):
+            self._mailbox.refused += 1
+            lost_by = NOT_FINITE
+        if not passage.deliveries or lost_by:
             neighbour.count.lost += 1
-            self._log(delivery, -1, passage.lost_by)
+            self._log(delivery, -1, lost_by)
             return
         copies = [each if each.due >= delivery.due else each._replace(due=delivery.due) for each in passage.deliveries]
         for each in copies:
@@ -240,6 +249,8 @@ class Receiver:
                 not_due.append(delivery)
                 continue
             any_sign = any_sign or message.step >= 0 or self._step < 0  # messages before the start do not count later
+            if self._goodbyes.get(j, _NO_GOODBYE) < (message.incarnation, message.sequence):
+                self._return(j, neighbour)
             if message.last:
                 self._finish(message, neighbour)
                 continue
@@ -262,8 +273,14 @@ class Receiver:
         """Take in that its sender sends nothing more in a step, or ever."""
         if message.last >= GOODBYE:
             self.departed[message.sender] = message.last
+            self._goodbyes[message.sender] = message.incarnation, message.sequence
         if message.last >= GOODBYE or message.step == self._step:
             neighbour.finished = True
+
+    def _return(self, j: int, neighbour: _NeighbourState) -> None:
+        """Take in that `j` has sent something after its goodbye: it has come back, or the goodbye was not its own."""
+        del self._goodbyes[j], self.departed[j]
+        neighbour.finished = False
 
     @property
     def messages(self) -> list[Message]:

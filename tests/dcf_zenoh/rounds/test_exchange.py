@@ -9,12 +9,14 @@ import pytest
 
 from dcf_zenoh.algorithms.algorithm import Dialogue, Inbox, PerNeighbour
 from dcf_zenoh.errors import AlgorithmError, NumericalError
+from dcf_zenoh.faults.chain import ALWAYS, FaultChain, Layer
+from dcf_zenoh.faults.tampering import Tampering
 from dcf_zenoh.graph import Neighbourhood
 from dcf_zenoh.message import Last, Message, Payload
 from dcf_zenoh.messaging.mailbox import Mailbox
 from dcf_zenoh.requests import NEVER, Publish, Wait
 from dcf_zenoh.rounds.exchange import ComputeTime, Exchange, ExchangeOptions, Outcome
-from dcf_zenoh.rounds.receiver import Receiver
+from dcf_zenoh.rounds.receiver import NOT_FINITE, Receiver
 from dcf_zenoh.rounds.sender import Sender
 from dcf_zenoh.rounds.synchronous import Synchronous
 from dcf_zenoh.spec import Rounds, nanoseconds
@@ -33,7 +35,9 @@ class Bench:
     def __init__(self, answer: Callable[[int, int], tuple[Payload, int] | None], **settings: Any) -> None:
         self.mailbox = Mailbox(NEIGHBOURHOOD.receives_from)
         rounds = Rounds(**settings)
-        receiver = Receiver(self.mailbox, hold=rounds.missing == "hold", skip_after_rounds=rounds.skip_after_rounds)
+        self.receiver = receiver = Receiver(
+            self.mailbox, hold=rounds.missing == "hold", skip_after_rounds=rounds.skip_after_rounds
+        )
         options = ExchangeOptions(lambda: 0, compute_time=ComputeTime(nanoseconds(rounds.compute_time)))
         mode = Synchronous(rounds)
         self.exchange = Exchange(1, NEIGHBOURHOOD, rounds, self.mailbox, receiver, Sender(1), mode, options)
@@ -214,3 +218,45 @@ def test_silent_neighbour_is_lost_by_the_age_of_its_messages() -> None:
     assert bench.exchange.lost_neighbours(bench.now, 900 * MS) == {}
     bench.mailbox.lost[2] = "its liveliness token is gone"
     assert bench.exchange.lost_neighbours(bench.now, 900 * MS) == {2: "its liveliness token is gone"}
+
+
+@pytest.mark.parametrize("edges", [False, True])
+def test_payload_that_is_not_finite_fails_its_sender_and_is_never_sent(edges: bool) -> None:
+    bench = Bench(lambda j, p: ({"x": 0.0}, 0))
+
+    def diverging() -> Dialogue[Any]:
+        for value in (1.0, math.nan):
+            payload: Any = {"x": np.array([0.0, value])}
+            yield PerNeighbour({2: payload, 3: payload}) if edges else payload, 1.0
+
+    text = r"^agent 1: step 7 round 1: the algorithm's payload 'x' is not finite: nan at \[1\]; it diverges if"
+    with pytest.raises(NumericalError, match=text):
+        bench.run(diverging(), step=7)
+    assert {publish.message.round for publish in bench.published} == {0}
+
+
+def test_payload_that_faults_make_infinite_is_missing_counted_and_logged() -> None:
+    bench = Bench(lambda j, p: ({"x": 1e300 if p == 1 else 1.0}, 0), missing="absent", round_timeout=0.01)
+    faults = FaultChain(0, 3, 1, [Layer("wrong", [(ALWAYS, Tampering(scale=1e10))])])
+    bench.receiver._links = {3: faults}
+    outcome = bench.run(listener(3))
+    assert [inbox.missing for inbox in outcome.result] == [(), (3,), ()]
+    assert outcome.links[3].lost == 1
+    assert [(each[3], each[6]) for each in outcome.passed if each[6]] == [(1, NOT_FINITE)]
+    assert bench.mailbox.refused == 1
+
+
+def test_goodbye_is_revoked_by_what_follows_it() -> None:
+    answers = {1: Last.FAILED, 2: Last.LANDED}
+    bench = Bench(lambda j, p: ({"x": float(p)}, 0))
+    put = bench.mailbox.put
+
+    def forged(message: Message, entered: int) -> bool:
+        kind = answers.get(message.round, Last.NO) if message.sender == 3 else Last.NO
+        return put(message._replace(last=kind), entered)
+
+    bench.mailbox.put = forged  # type: ignore[method-assign, assignment]
+    outcome = bench.run(listener(5))
+    assert [3 in inbox and inbox.fresh(3) for inbox in outcome.result] == [True, False, False, True, True]
+    assert bench.exchange.lost_neighbours(0, NEVER) == {}
+    assert not bench.exchange.departed(Last.LANDED)
