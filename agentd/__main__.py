@@ -1,6 +1,11 @@
 """``python -m agentd``, and the command ``agentd``."""
 
+import os
 import sys
+import threading
+import time
+
+END_WITHIN = 5.0  # s that the interpreter may take to end after a command
 
 
 def main() -> int:
@@ -12,6 +17,14 @@ def main() -> int:
     except KeyboardInterrupt:
         print("agentd: interrupted", file=sys.stderr)
         return 130
+    finally:
+        threading.Thread(target=_end_process, name="deadline-of-the-end", daemon=True).start()
+
+
+def _end_process() -> None:
+    """End a process that does not end by itself, because of a thread or a half-open session that is left."""
+    time.sleep(END_WITHIN)
+    os._exit(1)
 
 
 if __name__ == "__main__":

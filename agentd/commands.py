@@ -51,7 +51,8 @@ def run(options: Namespace) -> int:
     --rejoin: `agentd run RUN/fleet.toml --id N --out RUN --rejoin`. It takes part from the next control step; a
     simulated plant goes on from its last recorded state.
     """
-    from agentd.daemon.daemon import Assignment, claim_stdout, run_agent  # noqa: PLC0415
+    from agentd.daemon.daemon import Assignment, run_agent  # noqa: PLC0415
+    from agentd.daemon.output import claim_stdout, detach_output  # noqa: PLC0415
 
     status = claim_stdout() if options.supervised else None
     fleet = load_fleet(options, unused=not options.supervised)  # the launcher has checked unused tables
@@ -78,6 +79,7 @@ def run(options: Namespace) -> int:
         status=status,
         agreed=options.yes,
     )
+    detach_output()
     run_agent(fleet, task)
     return 0
 

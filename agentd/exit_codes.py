@@ -2,13 +2,14 @@
 
 import signal
 
-from dcf_zenoh.errors import ConfigurationError, DcfError, Interrupted, NeighbourLost, Stopped
+from dcf_zenoh.errors import ConfigurationError, DcfError, Interrupted, LogIncomplete, NeighbourLost, Stopped
 
 DONE = 0
 FAILED = 1  # a run failed, or two runs differ
 MISUSED = 2  # the command line or the fleet file is wrong
 NEIGHBOUR_LOST = 3  # an agent failed because another agent of the fleet did
-STOPPED = 4  # an operator, the launcher or a signal ended an agent early
+STOPPED = 4  # an operator or the launcher ended an agent early
+UNRECORDED = 5  # an agent reached its end, but its log is incomplete
 SIGNALLED = 128  # plus the number of the signal that stopped the command
 CTRL_C = SIGNALLED + signal.SIGINT
 
@@ -21,4 +22,6 @@ def of(error: DcfError) -> int:
         return NEIGHBOUR_LOST
     if isinstance(error, Stopped):
         return STOPPED
+    if isinstance(error, LogIncomplete):
+        return UNRECORDED
     return MISUSED if isinstance(error, ConfigurationError) else FAILED

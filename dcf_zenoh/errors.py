@@ -101,6 +101,10 @@ class RecordingError(DcfError):
     """A run directory or log cannot be written, or was not written by dcf-zenoh."""
 
 
+class LogIncomplete(RecordingError):
+    """An agent has reached its end, but records of its log are missing, because of a full disk, for example."""
+
+
 @contextmanager
 def blaming(kind: type[DcfError], where: str) -> Iterator[None]:
     """Turn any exception of the body other than a `DcfError` into a `kind` that names `where` and the line of code."""

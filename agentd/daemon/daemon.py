@@ -4,18 +4,22 @@ import hashlib
 import json
 import logging
 import os
-import sys
 from collections.abc import Mapping
+from contextlib import closing
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any, BinaryIO, cast
 
+from agentd import exit_codes
 from agentd.daemon.operator_protocol import HALT, Control, changes_in
+from agentd.daemon.output import LogFile, StatusPipe, drain_output
 from agentd.daemon.runner import VirtualRunner, WallRunner, await_goodbyes, spare_collector
-from agentd.daemon.stop_requests import EmergencyStop, listening
+from agentd.daemon.stop_requests import EmergencyStop, read_lines
+from agentd.signals import CTRL_Z, ENDING, CaughtSignals, signal_name
 from dcf_zenoh.assembly import AgentParts, Blueprint, Restart
 from dcf_zenoh.config import LoadedFleet, to_toml
-from dcf_zenoh.errors import NetworkError, RecordingError
+from dcf_zenoh.errors import Interrupted, LogIncomplete, NetworkError, NotReady, RecordingError, Stopped
 from dcf_zenoh.graph import Neighbourhood
 from dcf_zenoh.loop.agent import Ending
 from dcf_zenoh.message import VERSION, Last
@@ -31,6 +35,8 @@ from dcf_zenoh.spec import FleetSpec
 log = logging.getLogger(__name__)
 GOODBYE_TIMEOUT = 2.0  # s, longest wait for the neighbours' goodbyes
 SEND_TIMEOUT = 0.5  # s, longest wait of a message for a neighbour that accepts none, on the wall clock
+END_WITHIN = 2.5  # s from a signal to the end of the process, in addition to the landing time of the plant
+STOP_WITHIN = 1.0  # s that an emergency stop takes at most
 CLOCK_OFFSET_MAX = 0.02  # s, largest offset between two machines on the wall clock
 
 
@@ -44,7 +50,7 @@ class Assignment:
         folder: Run directory.
         endpoints: Agent -> endpoint on which it listens.
         rejoin: Whether the agent joins its running fleet again, after an earlier incarnation.
-        status: Stream of status lines to the launcher, which holds the other end of standard input; None: there is no
+        status: Pipe for status lines to the launcher, which holds the other end of standard input; None: there is no
             launcher.
         agreed: Whether a person has agreed to the take-off.
     """
@@ -54,7 +60,7 @@ class Assignment:
     folder: Path
     endpoints: dict[int, str]
     rejoin: bool = False
-    status: TextIO | None = None
+    status: StatusPipe | None = None
     agreed: bool = False
 
 
@@ -70,22 +76,40 @@ def fingerprint(fleet: LoadedFleet) -> str:
 def run_agent(fleet: LoadedFleet, task: Assignment) -> Last:
     """Run one agent to its planned end.
 
+    All signals that can be caught land it, from before its session is opened until it has ended.
+
     Raises:
-        DcfError: The error that ended it early.
+        Interrupted: A signal ended it early.
+        LogIncomplete: It has reached its end, but records of its log are missing.
+        DcfError: Another error that ended it early.
     """
+    emergency = EmergencyStop()
+    with CaughtSignals(ENDING | CTRL_Z) as signals:
+        try:
+            return _run_agent(fleet, task, emergency, signals)
+        except (Stopped, NotReady) as error:
+            if signals.number is None or _stopped_by(signals.number) not in str(error):
+                raise
+            raise Interrupted(str(error), signals.number) from error
+
+
+def _run_agent(fleet: LoadedFleet, task: Assignment, emergency: EmergencyStop, signals: CaughtSignals) -> Last:
+    """Run one agent as `run_agent` does; a signal stops it like an operator."""
     blueprint = Blueprint.of(fleet)
+    signals.end_within(lambda: END_WITHIN + emergency.landing_time, partial(_end_process, task.agent, emergency))
     neighbourhood = blueprint.neighbourhood(task.agent)
     address = _address(fleet.spec, task, neighbourhood)
     restart = restart_of(fleet.spec, task.folder, task.agent) if task.rejoin else None
     incarnation = restart.incarnation if restart else 0
-    emergency = EmergencyStop()
     with (
-        open_log(task.folder, task.agent, again=task.rejoin) as stream,
+        open_log(task.folder, task.agent, again=task.rejoin) as file,
+        closing(LogFile(file, partial(_warn, task.agent))) as stream,
         Network(
             task.agent, neighbourhood, address, lambda request: emergency.pull() if request == HALT else None
         ) as network,
-        listening(network, emergency, supervised=task.status is not None),
     ):
+        signals.react(lambda number: network.notify(Stop(_stopped_by(number))))
+        read_lines(network, emergency, supervised=task.status is not None)
         if task.agreed:
             network.notify(Agreed())
         offsets = network.do_handshake(fingerprint(fleet), fleet.spec.zenoh.ready_timeout, incarnation)
@@ -98,7 +122,9 @@ def run_agent(fleet: LoadedFleet, task: Assignment) -> Last:
             "clock_offsets": {j: (offset.ahead, offset.error) for j, offset in offsets.items()},
         }
         status = Status(task.agent, task.status)
-        parts = blueprint.build(task.agent, stream, header, status.observe, restart)
+        parts = blueprint.build(task.agent, cast(BinaryIO, stream), header, status.observe, restart)
+        if stream.failure:  # before anything moves
+            raise RecordingError(f"agent {task.agent}: {stream.failure}")
         emergency.guard(parts.plant)
         control = Control(
             task.agent,
@@ -114,12 +140,32 @@ def run_agent(fleet: LoadedFleet, task: Assignment) -> Last:
             ending = _run(fleet, parts, network, offsets, control, status)
         finally:
             parts.plant.close()
+            if status.dropped:
+                _warn(task.agent, f"{status.dropped} status lines were dropped: the launcher did not read them")
             for command in network.unanswered():
                 if command.request == HALT:  # it has stopped the body, and the loop has ended without an answer
                     command.reply(control.handle(command.request, 0))
     if ending.cause:
         raise ending.cause
+    if stream.failure:
+        raise LogIncomplete(f"agent {task.agent}: reached its end, but its log is incomplete: {stream.failure}")
     return ending.last
+
+
+def _stopped_by(number: int) -> str:
+    return f"stopped by {signal_name(number)}"
+
+
+def _end_process(agent: int, emergency: EmergencyStop, number: int) -> None:
+    """End a process that a signal was not able to end in time: the motors are switched off."""
+    emergency.pull_and_wait(STOP_WITHIN)
+    _warn(agent, f"did not end in time after {signal_name(number)}: motors off, and the process ends")
+    drain_output()
+    os._exit(exit_codes.SIGNALLED + number)
+
+
+def _warn(agent: int, text: str) -> None:
+    log.warning("agentd: agent %d: %s", agent, text)
 
 
 def _address(fleet: FleetSpec, task: Assignment, neighbourhood: Neighbourhood) -> Address:
@@ -160,26 +206,24 @@ def read_log(fleet: FleetSpec, folder: Path, agent: int) -> AgentLog:
         raise RecordingError(f"--rejoin: {error}") from error
 
 
-def claim_stdout() -> TextIO:
-    """Reserve standard output for status lines; other output, for example of plug-ins, goes to standard error."""
-    stream = os.fdopen(os.dup(1), "w", encoding="utf-8")
-    os.dup2(2, 1)
-    sys.stdout = sys.stderr  # unbuffered: output comes before the error that ends the process
-    return stream
-
-
 class Status:
     """Status lines to the launcher: one JSON object per line.
 
     Args:
         agent: Id of the agent.
-        stream: Stream that the launcher reads; None: there is no launcher.
+        pipe: Pipe that the launcher reads; None: there is no launcher.
     """
 
-    def __init__(self, agent: int, stream: TextIO | None) -> None:
+    def __init__(self, agent: int, pipe: StatusPipe | None) -> None:
         self._agent = agent
-        self._stream = stream
+        self._pipe = pipe
         self._late = 0
+        self._phase = ""
+
+    @property
+    def dropped(self) -> int:
+        """Number of lines that the launcher did not read in time."""
+        return self._pipe.dropped if self._pipe else 0
 
     def observe(self, record: StepRecord) -> None:
         """Report a finished step."""
@@ -195,15 +239,17 @@ class Status:
 
     def report(self, phase: Report) -> None:
         """Report that a phase of the flight begins, and the results of the inspection."""
-        self._write(phase=phase.phase, checks=phase.checks)
+        self._phase = phase.phase
+        self._write(checks=phase.checks)
 
     def _write(self, **entries: Any) -> None:
-        if self._stream is None:
+        """Write a line, with the phase: the line that reported it may have been dropped."""
+        if self._pipe is None:
             return
         try:
-            print(json.dumps({"agent": self._agent, **entries}), file=self._stream, flush=True)
-        except (BrokenPipeError, ValueError):
-            self._stream = None  # the launcher has ended; the log has everything
+            self._pipe.write(json.dumps({"agent": self._agent, "phase": self._phase, **entries}))
+        except OSError:
+            self._pipe = None  # the launcher has ended; the log has everything
 
 
 def _run(

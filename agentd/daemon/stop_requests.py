@@ -1,12 +1,9 @@
-"""Requests to end a run that reach a daemon by its launcher, a terminal or a signal, and the emergency stop."""
+"""Requests to end a run that reach a daemon by its launcher or a terminal, and the emergency stop."""
 
 import os
-import signal
 import sys
 import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
-from types import FrameType
+from contextlib import suppress
 
 from dcf_zenoh.messaging.network import Agreed, Network, Stop
 from dcf_zenoh.plant import Plant
@@ -19,53 +16,60 @@ class EmergencyStop:
     """Stops a body past the agent's loop, which may be busy.
 
     It can be pulled from any thread, even one that must not wait, and before there is a body.
+
+    Attributes:
+        landing_time: Landing time of the body, s; 0 before there is one.
     """
 
     def __init__(self) -> None:
+        self.landing_time = 0.0
         self._pulled = threading.Event()
+        self._acted = threading.Event()
+        self._acted.set()  # there is no body yet
 
     def pull(self) -> None:
         """Stop the body at once."""
         self._pulled.set()
+
+    def pull_and_wait(self, seconds: float) -> None:
+        """Stop the body, and wait until that is done, at most for `seconds`."""
+        self.pull()
+        self._acted.wait(seconds)
 
     def guard(self, plant: Plant) -> None:
         """Stop `plant` as soon as the emergency stop is pulled, for as long as the process lives."""
 
         def wait() -> None:
             self._pulled.wait()
-            plant.emergency_stop()
+            try:
+                plant.emergency_stop()
+            finally:
+                self._acted.set()
 
+        self.landing_time = plant.landing_time
+        self._acted.clear()
         threading.Thread(target=wait, name="emergency-stop", daemon=True).start()
 
 
-@contextmanager
-def listening(network: Network, emergency: EmergencyStop, *, supervised: bool) -> Iterator[None]:
-    """Turn signals and lines on standard input into events while the body runs.
+def read_lines(network: Network, emergency: EmergencyStop, *, supervised: bool) -> None:
+    """Turn lines on standard input into events, from now on.
 
     With a launcher (`supervised`), the end of standard input means that the launcher has ended. Without one, lines are
     read from the terminal, if this process may read from it.
     """
 
-    def on_signal(number: int, _frame: FrameType | None) -> None:
-        network.notify(Stop(f"stopped by {signal.Signals(number).name}"))
-
     def read() -> None:
         rest = b""
-        while data := os.read(0, 1024):
-            *lines, rest = (rest + data).split(b"\n")
-            for line in lines:
-                _on_line(line.decode(errors="replace").strip(), network, emergency)
+        with suppress(OSError):  # the terminal is gone, or this process is no longer in its foreground
+            while data := os.read(0, 1024):
+                *lines, rest = (rest + data).split(b"\n")
+                for line in lines:
+                    _on_line(line.decode(errors="replace").strip(), network, emergency)
         if supervised:
             network.notify(Stop("stopped by the launcher's end"))
 
-    before = {number: signal.signal(number, on_signal) for number in (signal.SIGINT, signal.SIGTERM)}
     if supervised or in_foreground():
         threading.Thread(target=read, name="standard-input", daemon=True).start()
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 def in_foreground() -> bool:

@@ -14,11 +14,12 @@ from typing import Any, TypeAlias
 
 from agentd.daemon.stop_requests import in_foreground
 from agentd.endpoints import free_endpoints
-from agentd.exit_codes import NEIGHBOUR_LOST, STOPPED
+from agentd.exit_codes import DONE, NEIGHBOUR_LOST, STOPPED, UNRECORDED
 from agentd.launcher.daemon_process import DaemonProcess, spawn
 from agentd.launcher.key_presses import reading_keys
 from agentd.launcher.terminal import Terminal
 from agentd.run_directory import write_run_json
+from agentd.signals import ENDING, signal_name
 from dcf_zenoh.config import LoadedFleet, freeze
 from dcf_zenoh.configuration.building.problem_and_plant import plant_classes
 from dcf_zenoh.errors import ConfigurationError, DcfError, Interrupted
@@ -98,7 +99,7 @@ def launch(fleet: LoadedFleet, folder: Path, on_status: OnStatus, on_message: On
         patience = fleet.spec.time.duration + landing + LINGER
     daemons: dict[int, DaemonProcess] = {}
     failures = RunFailures(on_message)
-    interrupted: signal.Signals | None = None
+    interrupted: int | None = None
     with _queued_signals() as signals, reading_keys() as keys:
         try:
             for agent in frozen.spec.ids:
@@ -114,7 +115,7 @@ def launch(fleet: LoadedFleet, folder: Path, on_status: OnStatus, on_message: On
             run_json["problems"] = [*failures.causes, *failures.effects]
             write_run_json(folder, run_json)
     if interrupted is not None:
-        raise Interrupted(f"stopped by {interrupted.name}", interrupted)
+        raise Interrupted(f"stopped by {signal_name(interrupted)}", interrupted)
     if reasons := failures.causes or failures.effects:
         more = f"; and {len(reasons) - 1} more, see above" if len(reasons) > 1 else ""
         raise FleetFailed(reasons[0] + more)
@@ -122,14 +123,14 @@ def launch(fleet: LoadedFleet, folder: Path, on_status: OnStatus, on_message: On
 
 def _supervise(
     daemons: Mapping[int, DaemonProcess],
-    signals: SimpleQueue[signal.Signals],
+    signals: SimpleQueue[int],
     on_status: OnStatus,
     failures: RunFailures,
     terminal: Terminal,
     *,
     reaction: float,
     patience: float,
-) -> signal.Signals | None:
+) -> int | None:
     """Wait until all daemons have ended, or until the remaining ones have to be ended.
 
     Args:
@@ -142,7 +143,7 @@ def _supervise(
         patience: Time that they have after one has failed in flight, s: as long as they may go on flying without it.
 
     Returns:
-        The signal that stopped the fleet, if any.
+        The number of the signal that stopped the fleet, if any.
     """
     began, last_shown = time.monotonic(), 0.0
     end_all_by = end_unstarted_by = inf
@@ -154,7 +155,7 @@ def _supervise(
     while any(daemon.code is None for daemon in daemons.values()) and not time_is_up(time.monotonic()):
         try:
             number = signals.get(timeout=0.02)
-            failures.add(f"the launcher got {number.name}: the fleet was stopped")
+            failures.add(f"the launcher got {signal_name(number)}: the fleet was stopped")
             return number
         except Empty:
             pass
@@ -169,7 +170,7 @@ def _supervise(
                 if code < 0 and not daemon.started:  # its last status line may be missing, so the fleet may fly
                     end_unstarted_by = min(end_unstarted_by, now + reaction)
                 in_flight = code != STOPPED and (code < 0 or daemon.started)
-                rest = LINGER if not code else patience if in_flight else reaction
+                rest = LINGER if code in (DONE, UNRECORDED) else patience if in_flight else reaction
                 end_all_by = min(end_all_by, now + rest)
         terminal.poll()
         if now - last_shown >= STATUS_PERIOD:
@@ -183,7 +184,7 @@ def _end_text(daemon: DaemonProcess, after: float) -> str:
     """Describe how a daemon ended, `after` s after the launch."""
     code = daemon.code or 0
     daemon.reader.join(LAST_STATUS)
-    how = f"was killed by {signal.Signals(-code).name}" if code < 0 else f"ended with exit code {code}"
+    how = f"was killed by {signal_name(-code)}" if code < 0 else f"ended with exit code {code}"
     error = daemon.last_error_line()
     return f"{how} {after:.1f} s after the launch{_progress_text(daemon)}" + (f": {error}" if error else "")
 
@@ -213,16 +214,18 @@ def _end_all(daemons: Mapping[int, DaemonProcess], failures: RunFailures, patien
 
 
 @contextmanager
-def _queued_signals() -> Iterator[SimpleQueue[signal.Signals]]:
-    """Queue SIGINT, SIGTERM and SIGHUP within the context; a second signal of a kind has its usual effect."""
-    queue: SimpleQueue[signal.Signals] = SimpleQueue()
-    numbers = [signal.SIGINT, signal.SIGTERM, *([signal.SIGHUP] if hasattr(signal, "SIGHUP") else [])]
+def _queued_signals() -> Iterator[SimpleQueue[int]]:
+    """Queue the signals that would end the process, within the context; a second one of a kind has its usual effect."""
+    queue: SimpleQueue[int] = SimpleQueue()
 
     def on_signal(number: int, _frame: FrameType | None) -> None:
-        queue.put(signal.Signals(number))
-        signal.signal(number, before[signal.Signals(number)])
+        queue.put(number)
+        signal.signal(number, before[number])
 
-    before = {number: signal.signal(number, on_signal) for number in numbers}
+    before = {}
+    for number in sorted(ENDING):
+        if signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler) or number == signal.SIGINT:
+            before[number] = signal.signal(number, on_signal)
     try:
         yield queue
     finally:

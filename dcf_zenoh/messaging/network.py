@@ -175,10 +175,19 @@ class Network:
                 f" {_plain(error)}"
             ) from error
         self._waker = Waker(self._wake)
+        self._channels: dict[int, zenoh.Subscriber[Any]] = {}
+        try:
+            self._declare(neighbourhood)
+        except BaseException:
+            self.__exit__(None, None, None)  # a session that stays open would keep the process from ending
+            raise
+
+    def _declare(self, neighbourhood: Neighbourhood) -> None:
+        """Declare all that the session has, its token last."""
+        agent = self._agent
         self._keys = {j: f"{self._prefix}/from/{j}/to/{agent}" for j in neighbourhood.receives_from}
-        self._channels = {
-            j: self._session.declare_subscriber(key, FifoChannel(CHANNEL_SIZE)) for j, key in self._keys.items()
-        }
+        for j, key in self._keys.items():
+            self._channels[j] = self._session.declare_subscriber(key, FifoChannel(CHANNEL_SIZE))
         self._publisher = self._declare_publisher("*")
         self._edges = {j: self._declare_publisher(str(j)) for j in neighbourhood.sends_to}
         for j in self._linked:  # last: once the hello key is declared, all others are
