@@ -9,8 +9,16 @@ END_WITHIN = 5.0  # s that the interpreter may take to end after a command
 
 
 def main() -> int:
-    """Run the command line; return its exit code. Handles Ctrl-C during the imports, too."""
+    """Run the command line; return its exit code. Handles Ctrl-C during the imports, too.
+
+    The two commands that end a flight begin at once, without the imports that other commands need.
+    """
     try:
+        match sys.argv[1:]:
+            case ["land" | "stop" as how, name] if not name.startswith("-"):
+                from agentd.operator.land_stop import main as end  # noqa: PLC0415
+
+                return end(how, name)
         from agentd.cli import main  # noqa: PLC0415 - takes so long that Ctrl-C may come meanwhile
 
         return main()

@@ -7,6 +7,7 @@ import json
 import sys
 from argparse import Namespace
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import TypeAlias
 
@@ -23,7 +24,7 @@ from agentd.run_and_report import (
 )
 from agentd.run_directory import check_unused, new_run_folder, read_run_json
 from dcf_zenoh.config import freeze, load, to_toml
-from dcf_zenoh.errors import ConfigurationError, RecordingError
+from dcf_zenoh.errors import ConfigurationError, DcfError, RecordingError
 from dcf_zenoh.plugins import GROUPS
 from dcf_zenoh.records.run import Run
 
@@ -53,6 +54,8 @@ def run(options: Namespace) -> int:
     """
     from agentd.daemon.daemon import Assignment, run_agent  # noqa: PLC0415
     from agentd.daemon.output import claim_stdout, detach_output  # noqa: PLC0415
+    from agentd.operator_file import OperatorFile  # noqa: PLC0415
+    from dcf_zenoh.messaging.network import Address  # noqa: PLC0415
 
     status = claim_stdout() if options.supervised else None
     fleet = load_fleet(options, unused=not options.supervised)  # the launcher has checked unused tables
@@ -79,8 +82,19 @@ def run(options: Namespace) -> int:
         status=status,
         agreed=options.yes,
     )
+    if not options.supervised:
+        address = Address(
+            f"dcf/{fleet.spec.name}/{task.run}", "", tuple(task.endpoints.values()), fleet.spec.zenoh.settings
+        )
+        OperatorFile.of(fleet.spec.name, fleet.spec.ids, address).write(folder)
     detach_output()
-    run_agent(fleet, task)
+    try:
+        run_agent(fleet, task)
+    except DcfError as error:
+        if status is not None:  # standard error is a file, whose disk may be full
+            with suppress(OSError):
+                status.write(json.dumps({"agent": task.agent, "error": str(error).splitlines()[-1]}))
+        raise
     return 0
 
 

@@ -38,7 +38,7 @@ def launch_and_report(fleet: LoadedFleet, folder: Path, options: Namespace) -> N
         failure = error
     try:
         report_run(Run.read(folder), options)
-    except RecordingError:
+    except DcfError:  # of the launch is known more: the reason comes first
         if failure is None:
             raise
     if failure is not None:
@@ -147,8 +147,11 @@ def report_run(run: Run, options: Namespace) -> None:
     if not options.no_report and run.folder is not None:
         from agentd.results.report import write_oracle, write_report  # noqa: PLC0415
 
-        written = write_report([run], run.folder, animate=options.animate)
-        written += write_oracle([run], oracles, run.folder) if oracles else []
+        try:
+            written = write_report([run], run.folder, animate=options.animate)
+            written += write_oracle([run], oracles, run.folder) if oracles else []
+        except OSError as error:
+            raise RecordingError(f"{run.folder}: the figures cannot be written: {error.strerror}") from error
         if not options.json:
             figures = f", and {', '.join(path.name for path in written)}" if written else ""
             print(f"{run.folder}: log of every agent{figures}")

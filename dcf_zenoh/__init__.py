@@ -2,21 +2,32 @@
 
 from typing import TYPE_CHECKING
 
-from dcf_zenoh.algorithms.algorithm import Inbox, Me, PerNeighbour, Result
-from dcf_zenoh.plant import Plant, Setpoint, State
-from dcf_zenoh.records.run import Run
-from dcf_zenoh.simulation import simulate
-
 __all__ = ["Inbox", "Me", "PerNeighbour", "Plant", "Result", "Run", "Setpoint", "State", "simulate"]
 
 if TYPE_CHECKING:
+    from dcf_zenoh.algorithms.algorithm import Inbox, Me, PerNeighbour, Result
+    from dcf_zenoh.plant import Plant, Setpoint, State
+    from dcf_zenoh.records.run import Run
+    from dcf_zenoh.simulation import simulate
+
     __version__: str
 else:
+    _MODULES = {
+        "dcf_zenoh.algorithms.algorithm": ("Inbox", "Me", "PerNeighbour", "Result"),
+        "dcf_zenoh.plant": ("Plant", "Setpoint", "State"),
+        "dcf_zenoh.records.run": ("Run",),
+        "dcf_zenoh.simulation": ("simulate",),
+    }
 
-    def __getattr__(name: str) -> str:
-        """Look up the version of the installed distribution when it is first asked for, which takes about 2 ms."""
-        if name != "__version__":
-            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-        from importlib.metadata import version  # noqa: PLC0415
+    def __getattr__(name: str) -> object:
+        """Import what is asked for when it is asked for: an emergency stop must not wait for numpy."""
+        if name == "__version__":
+            from importlib.metadata import version  # noqa: PLC0415
 
-        return version("dcf-zenoh")
+            return version("dcf-zenoh")
+        for module, names in _MODULES.items():
+            if name in names:
+                from importlib import import_module  # noqa: PLC0415
+
+                return getattr(import_module(module), name)
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -15,7 +15,7 @@ from agentd import exit_codes
 from agentd.daemon.operator_protocol import HALT, Control, changes_in
 from agentd.daemon.output import LogFile, StatusPipe, drain_output
 from agentd.daemon.runner import VirtualRunner, WallRunner, await_goodbyes, spare_collector
-from agentd.daemon.stop_requests import EmergencyStop, read_lines
+from agentd.daemon.stop_requests import STOP_WITHIN, EmergencyStop, read_lines
 from agentd.signals import CTRL_Z, ENDING, CaughtSignals, signal_name
 from dcf_zenoh.assembly import AgentParts, Blueprint, Restart
 from dcf_zenoh.config import LoadedFleet, to_toml
@@ -36,7 +36,6 @@ log = logging.getLogger(__name__)
 GOODBYE_TIMEOUT = 2.0  # s, longest wait for the neighbours' goodbyes
 SEND_TIMEOUT = 0.5  # s, longest wait of a message for a neighbour that accepts none, on the wall clock
 END_WITHIN = 2.5  # s from a signal to the end of the process, in addition to the landing time of the plant
-STOP_WITHIN = 1.0  # s that an emergency stop takes at most
 CLOCK_OFFSET_MAX = 0.02  # s, largest offset between two machines on the wall clock
 
 
@@ -126,13 +125,18 @@ def _run_agent(fleet: LoadedFleet, task: Assignment, emergency: EmergencyStop, s
         if stream.failure:  # before anything moves
             raise RecordingError(f"agent {task.agent}: {stream.failure}")
         emergency.guard(parts.plant)
+
+        def end(why: str) -> None:
+            emergency.settle(STOP_WITHIN)  # motors off before the landing begins
+            network.notify(Stop(why))
+
         control = Control(
             task.agent,
             fleet,
             neighbourhood.receives_from,
             parts.links,
             parts.recorder,
-            lambda why: network.notify(Stop(why)),
+            end,
         )
         if restart:
             control.restore(changes_in(read_log(fleet.spec, task.folder, task.agent)))
@@ -158,7 +162,8 @@ def _stopped_by(number: int) -> str:
 
 def _end_process(agent: int, emergency: EmergencyStop, number: int) -> None:
     """End a process that a signal was not able to end in time: the motors are switched off."""
-    emergency.pull_and_wait(STOP_WITHIN)
+    emergency.pull()
+    emergency.settle(STOP_WITHIN)
     _warn(agent, f"did not end in time after {signal_name(number)}: motors off, and the process ends")
     drain_output()
     os._exit(exit_codes.SIGNALLED + number)

@@ -11,6 +11,7 @@ from typing import Annotated, Any, Literal, TypeAlias, TypeVar
 import msgpack
 from pydantic import Field, TypeAdapter, ValidationError
 
+from agentd.daemon.end_requests import TAKES_NONE
 from dcf_zenoh.config import LoadedFleet
 from dcf_zenoh.configuration.building.fault_links import fault_of
 from dcf_zenoh.configuration.checks.live_faults import refusals
@@ -128,7 +129,7 @@ def decode_answer(data: bytes, agent: int) -> Answer:
         MessageError: The bytes are not an answer.
     """
     if not data:
-        return Answer(agent=agent, error="takes no orders now: it has not started yet, or its run is over")
+        return Answer(agent=agent, error=TAKES_NONE)
     return _decode(data, _ANSWER, LONGEST_ANSWER, "an answer")
 
 

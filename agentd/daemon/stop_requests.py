@@ -8,6 +8,7 @@ from contextlib import suppress
 from dcf_zenoh.messaging.network import Agreed, Network, Stop
 from dcf_zenoh.plant import Plant
 
+STOP_WITHIN = 1.0  # s that an emergency stop takes at most
 # Lines on standard input.
 TAKE_OFF, LAND, STOP = "take off", "land", "stop"
 
@@ -31,10 +32,10 @@ class EmergencyStop:
         """Stop the body at once."""
         self._pulled.set()
 
-    def pull_and_wait(self, seconds: float) -> None:
-        """Stop the body, and wait until that is done, at most for `seconds`."""
-        self.pull()
-        self._acted.wait(seconds)
+    def settle(self, seconds: float) -> None:
+        """If the emergency stop is pulled, wait until the body has been stopped, at most for `seconds`."""
+        if self._pulled.is_set():
+            self._acted.wait(seconds)
 
     def guard(self, plant: Plant) -> None:
         """Stop `plant` as soon as the emergency stop is pulled, for as long as the process lives."""
@@ -87,4 +88,5 @@ def _on_line(line: str, network: Network, emergency: EmergencyStop) -> None:
         network.notify(Stop("landed by its operator"))
     elif line == STOP:
         emergency.pull()
+        emergency.settle(STOP_WITHIN)
         network.notify(Stop("emergency stop by its operator"))

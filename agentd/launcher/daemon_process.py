@@ -42,7 +42,8 @@ class DaemonProcess:
         assert self.process.stdout is not None
         with self.process.stdout as lines:
             for line in lines:
-                self.status = {**self.status, **json.loads(line)}
+                with suppress(ValueError):  # the last line of a daemon that died may be cut off
+                    self.status = {**self.status, **json.loads(line)}
                 self.started = self.started or self.status.get("phase") == "start"
 
     def send_line(self, line: str) -> None:
@@ -53,8 +54,13 @@ class DaemonProcess:
             self.process.stdin.flush()
 
     def last_error_line(self) -> str:
-        """Return the last line of the daemon's standard error, without the prefix "agentd: "."""
-        lines = self.errors.read_text(encoding="utf-8", errors="replace").strip().splitlines()
+        """Return the error that ended the daemon, or else the last line of its standard error, without "agentd: "."""
+        if "error" in self.status:
+            return str(self.status["error"])
+        try:
+            lines = self.errors.read_text(encoding="utf-8", errors="replace").strip().splitlines()
+        except OSError:  # the directory is gone
+            return ""
         return lines[-1].removeprefix("agentd: ") if lines else ""
 
 

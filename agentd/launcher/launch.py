@@ -4,13 +4,13 @@ import signal
 import subprocess
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
 from math import inf
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from types import FrameType
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, TypeVar
 
 from agentd.daemon.stop_requests import in_foreground
 from agentd.endpoints import free_endpoints
@@ -18,12 +18,13 @@ from agentd.exit_codes import DONE, NEIGHBOUR_LOST, STOPPED, UNRECORDED
 from agentd.launcher.daemon_process import DaemonProcess, spawn
 from agentd.launcher.key_presses import reading_keys
 from agentd.launcher.terminal import Terminal
+from agentd.operator_file import OperatorFile
 from agentd.run_directory import write_run_json
 from agentd.signals import ENDING, signal_name
 from dcf_zenoh.config import LoadedFleet, freeze
 from dcf_zenoh.configuration.building.problem_and_plant import plant_classes
-from dcf_zenoh.errors import ConfigurationError, DcfError, Interrupted
-from dcf_zenoh.messaging.network import check_settings
+from dcf_zenoh.errors import ConfigurationError, DcfError, Interrupted, RecordingError
+from dcf_zenoh.messaging.network import Address, check_settings
 
 REACTION = 2.0  # s that other daemons have to end by themselves after one has failed
 LINGER = 30.0  # s that other daemons have to end after one has reached its planned end
@@ -32,6 +33,7 @@ LAST_STATUS = 1.0  # s to read what a daemon wrote before it ended
 STATUS_PERIOD = 0.1  # s between calls of `on_status`
 YES = "--yes agrees beforehand"
 
+T = TypeVar("T")
 OnStatus: TypeAlias = Callable[[Mapping[int, Mapping[str, Any]]], None]
 OnMessage: TypeAlias = Callable[[str], None]
 
@@ -76,8 +78,10 @@ def launch(fleet: LoadedFleet, folder: Path, on_status: OnStatus, on_message: On
         FleetFailed: An agent failed.
         Interrupted: A signal stopped the fleet.
         NetworkError: Zenoh rejects a setting of the fleet file.
+        RecordingError: The run directory cannot be written before the start.
         ConfigurationError: The take-off of real bodies needs consent, and there is no terminal.
     """
+    on_status, on_message = _without_output_errors(on_status), _without_output_errors(on_message)
     check_settings(fleet.spec.zenoh.settings)
     plants = plant_classes(fleet.spec, fleet.folder)
     real = any(plant.real for plant in plants)
@@ -93,7 +97,14 @@ def launch(fleet: LoadedFleet, folder: Path, on_status: OnStatus, on_message: On
         "launched": datetime.now(UTC).isoformat(),
         "endpoints": free_endpoints(fleet.spec),
     }
-    write_run_json(folder, run_json)
+    _write_run_json(folder, run_json)
+    address = Address(
+        f"dcf/{fleet.spec.name}/{run_json['run']}",
+        "",
+        tuple(run_json["endpoints"].values()),
+        fleet.spec.zenoh.settings,
+    )
+    OperatorFile.of(fleet.spec.name, fleet.spec.ids, address).write(folder)
     reaction = patience = REACTION + landing
     if fleet.spec.time.clock == "wall" and fleet.spec.safety.neighbour_silent.then in ("hold", "continue"):
         patience = fleet.spec.time.duration + landing + LINGER
@@ -103,7 +114,7 @@ def launch(fleet: LoadedFleet, folder: Path, on_status: OnStatus, on_message: On
     with _queued_signals() as signals, reading_keys() as keys:
         try:
             for agent in frozen.spec.ids:
-                daemons[agent] = spawn(folder, agent)
+                daemons[agent] = _spawn(folder, agent)
             terminal = Terminal(daemons, keys, on_message, real=real, yes=yes)
             interrupted = _supervise(
                 daemons, signals, on_status, failures, terminal, reaction=reaction, patience=patience
@@ -113,12 +124,49 @@ def launch(fleet: LoadedFleet, folder: Path, on_status: OnStatus, on_message: On
             run_json["ended"] = datetime.now(UTC).isoformat()
             run_json["exit_codes"] = {i: daemon.code for i, daemon in daemons.items()}
             run_json["problems"] = [*failures.causes, *failures.effects]
-            write_run_json(folder, run_json)
+            try:
+                _write_run_json(folder, run_json)
+            except RecordingError as error:
+                failures.add(str(error))
     if interrupted is not None:
         raise Interrupted(f"stopped by {signal_name(interrupted)}", interrupted)
     if reasons := failures.causes or failures.effects:
         more = f"; and {len(reasons) - 1} more, see above" if len(reasons) > 1 else ""
         raise FleetFailed(reasons[0] + more)
+
+
+def _spawn(folder: Path, agent: int) -> DaemonProcess:
+    """Start the daemon of an agent.
+
+    Raises:
+        RecordingError: The file for its standard error cannot be written.
+    """
+    try:
+        return spawn(folder, agent)
+    except OSError as error:
+        raise RecordingError(f"agent {agent}: cannot be started: {error.filename}: {error.strerror}") from error
+
+
+def _write_run_json(folder: Path, content: Mapping[str, Any]) -> None:
+    """Write ``run.json``.
+
+    Raises:
+        RecordingError: The disk is full, or the directory is gone.
+    """
+    try:
+        write_run_json(folder, content)
+    except OSError as error:
+        raise RecordingError(f"{folder / 'run.json'}: cannot be written: {error.strerror}") from error
+
+
+def _without_output_errors(function: Callable[[T], None]) -> Callable[[T], None]:
+    """Return `function` as one that does not fail because its output goes nowhere: terminal closed, disk full."""
+
+    def call(argument: T) -> None:
+        with suppress(OSError, ValueError):
+            function(argument)
+
+    return call
 
 
 def _supervise(

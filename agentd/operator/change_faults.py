@@ -8,8 +8,9 @@ from typing import Any
 from agentd.daemon.operator_protocol import Answer, AppliedChange, Change, Clear, Show, changes_in, encode
 from agentd.fault_rules import inline_toml, rules_to_toml, short_table
 from agentd.operator.fault_history import FaultPeriod, fault_periods, fault_rules, overview
-from agentd.operator.query import print_complaints, query_agents
+from agentd.operator.query import query_agents
 from agentd.operator.running_fleet import RunningFleet, find_run
+from agentd.operator.session import print_complaints
 from dcf_zenoh.config import graph_of
 from dcf_zenoh.configuration.checks.live_faults import check_change, check_ends, check_rules
 from dcf_zenoh.configuration.reading.overrides import value_of

@@ -1,15 +1,38 @@
-"""``agentd land`` and ``agentd stop``: end the flight of a running fleet."""
+"""``agentd land`` and ``agentd stop``: end the flight of a running fleet.
 
+They import neither the fleet's plug-ins nor numpy, and read one small file (`agentd.operator_file`).
+"""
+
+import json
+import sys
+from pathlib import Path
 from typing import Literal
 
-from agentd.daemon.operator_protocol import HALT, Land, encode
-from agentd.operator.query import print_complaints, query_agents
-from agentd.operator.running_fleet import RunningFleet, find_run
-from dcf_zenoh.errors import ConfigurationError
+from agentd import exit_codes
+from agentd.daemon.end_requests import LAND, STOP, error_in
+from agentd.operator.session import print_complaints, send_queries
+from agentd.operator_file import NAME, OperatorFile
+from dcf_zenoh.errors import ConfigurationError, DcfError
+
+TIMEOUT = 3.0  # s for the answers of all agents
+TIMEOUT_ENDED = 0.5  # s, if the launcher has noted that the run has ended
+RUNS = Path("runs")
+
+
+def main(how: Literal["land", "stop"], name: str) -> int:
+    """Run the command; return its exit code."""
+    try:
+        return end_flight(name, how)
+    except DcfError as error:
+        for line in str(error).splitlines():
+            print(f"agentd: {line}", file=sys.stderr)
+        return exit_codes.of(error)
 
 
 def end_flight(name: str, how: Literal["land", "stop"]) -> int:
     """Make all agents of a run land or stop their motors; return the exit code, 1 if an agent does not answer.
+
+    A fleet that seems to have ended is tried, too: nothing but the silence of all agents shows that it has.
 
     Args:
         name: Run directory, or name of a fleet.
@@ -20,12 +43,46 @@ def end_flight(name: str, how: Literal["land", "stop"]) -> int:
         RecordingError: There is no such run.
         NetworkError: Zenoh cannot be opened.
     """
-    folder = find_run(name)
-    run = RunningFleet.read(folder)
-    if run.over:
+    folder, fleet = _find(name)
+    ended = _ended(folder)
+    timeout = TIMEOUT_ENDED if ended else TIMEOUT
+    request = STOP if how == "stop" else LAND
+    replies = send_queries(fleet.prefix, fleet.settings, dict.fromkeys(fleet.agents, request), timeout)
+    if ended and not replies:
         raise ConfigurationError("this run is over", str(folder))
-    request = HALT if how == "stop" else encode(Land())
-    answers, complaints = query_agents(run.address, dict.fromkeys(run.fleet.spec.ids, request))
-    for agent in answers:
-        print(f"agent {agent}: {'lands' if how == 'land' else 'motors off'}")
+    complaints = []
+    for agent in fleet.agents:
+        if agent not in replies:
+            complaints.append(f"agent {agent} did not answer within {timeout:g} s")
+        elif error := error_in(replies[agent]):
+            complaints += [f"agent {agent}: {line}" for line in error.splitlines()]
+        else:
+            print(f"agent {agent}: {'lands' if how == 'land' else 'motors off'}")
     return print_complaints(complaints)
+
+
+def _find(name: str) -> tuple[Path, OperatorFile]:
+    """Return the directory and the operator's file of a run directory, or of the newest run of a fleet.
+
+    Raises:
+        RecordingError: There is no such run.
+    """
+    if found := OperatorFile.read(Path(name)):
+        return Path(name), found
+    if not Path(name).is_dir():
+        paths = sorted(RUNS.glob(f"*/{NAME}"), key=lambda path: path.stat().st_mtime_ns, reverse=True)
+        for path in paths:
+            if (found := OperatorFile.read(path.parent)) and found.fleet == name:
+                return path.parent, found
+    from agentd.operator.running_fleet import RunningFleet, find_run  # noqa: PLC0415 - imports all that a fleet needs
+
+    run = RunningFleet.read(find_run(name))  # of an earlier version
+    return run.folder, OperatorFile.of(run.fleet.spec.name, run.fleet.spec.ids, run.address)
+
+
+def _ended(folder: Path) -> bool:
+    """Return whether a launcher has noted that the run has ended."""
+    try:
+        return "ended" in json.loads((folder / "run.json").read_text(encoding="utf-8"))
+    except (OSError, ValueError, TypeError):
+        return False

@@ -101,6 +101,12 @@ class Address:
             NetworkError: Zenoh does not accept one of the settings.
         """
         config = zenoh.Config()
+        for key, value in self.entries().items():
+            _set(config, key, value)
+        return config
+
+    def entries(self) -> dict[str, Any]:
+        """Return the configuration of the session as keys, which are paths, with their values."""
         defaults: dict[str, Any] = {
             "mode": "peer",
             "listen/endpoints": [self.listen] if self.listen else [],
@@ -112,9 +118,7 @@ class Address:
             "transport/link/tx/queue/congestion_control/block/wait_before_close": round(self.send_timeout * 1e6),
             "transport/shared_memory/enabled": False,  # a killed process would leave a file in /dev/shm
         }
-        for key, value in {**defaults, **self.settings}.items():
-            _set(config, key, value)
-        return config
+        return {**defaults, **self.settings}
 
 
 def check_settings(settings: Mapping[str, Any]) -> None:

@@ -2,6 +2,7 @@
 
 import fcntl
 import os
+import shutil
 import signal
 import time
 from collections.abc import Iterator
@@ -107,6 +108,38 @@ def test_log_on_a_full_disk_is_warned_of_once() -> None:
         log.close()
     assert log.failure == "cannot write the log: No space left on device"
     assert warnings == [f"{log.failure}; the agent goes on without it"]
+
+
+SMALL_FILES = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (8000, 8000))"  # as on a full disk
+
+
+def test_fleet_flies_on_to_its_end_on_a_full_disk_and_its_result_is_printed(tmp_path: Path) -> None:
+    (tmp_path / "trio.toml").write_text(TRIO)
+    fast = ["time.sample_time=0.05", "time.duration=3.0"]
+    with Launch(tmp_path / "trio.toml", tmp_path / "run", *fast, before=SMALL_FILES) as launch:
+        assert launch.end(40.0) == 1
+        *lines, last = launch.errors.splitlines()
+        assert len(lines) == 3
+        for i, line in enumerate(sorted(lines), start=1):
+            assert line.startswith(f"agentd: agent {i} ended with exit code 5 ")
+            assert line.endswith(
+                f", after step 59: agent {i}: reached its end, but its log is incomplete:"
+                " cannot write the log: File too large"
+            )
+        assert last.endswith("; and 2 more, see above")
+        assert launch.about["exit_codes"] == {"1": 5, "2": 5, "3": 5}
+        assert 3 < launch.summary["steps"] < 60
+
+
+@pytest.mark.large
+def test_fleet_flies_on_to_its_end_when_its_directory_is_removed(tmp_path: Path) -> None:
+    (tmp_path / "trio.toml").write_text(TRIO)
+    with Launch(tmp_path / "trio.toml", tmp_path / "run", "time.duration=4.0") as launch:
+        launch.flying()
+        shutil.rmtree(launch.folder)
+        assert launch.end(40.0) == 1
+        missing = f"agentd: {launch.folder}/run.json: cannot be written: No such file or directory"
+        assert launch.errors.splitlines() == [missing, missing]
 
 
 def test_fleet_flies_on_while_its_launcher_is_stopped(tmp_path: Path) -> None:

@@ -15,8 +15,8 @@ import pytest
 from agentd.cli import main
 from agentd.daemon.operator_protocol import decode_answer
 from agentd.operator.fault_history import changes_of
-from agentd.operator.query import send_queries
 from agentd.operator.running_fleet import RunningFleet
+from agentd.operator.session import send_queries
 from agentd.run_directory import read_run_json, write_run_json
 from dcf_zenoh import Run
 from dcf_zenoh.config import freeze, load
@@ -122,8 +122,8 @@ def flight(tmp_path_factory: pytest.TempPathFactory) -> Flight:
         operate("end", "--from", "1", "--to", "2", "clear")
         operate("latency", "--from", "2", "latency", "mean=0.01", "reorder=false")
         operate("off", "--from", "3", "--to", "2", "duplication", "off")
-        where = RunningFleet.read(flight.folder)
-        found = send_queries(where.address, {2: b"\x80\x04malformed"}, 10.0)
+        where = RunningFleet.read(flight.folder).address
+        found = send_queries(where.prefix, where.entries(), {2: b"\x80\x04malformed"}, 10.0)
         flight.malformed = decode_answer(found[2], 2).error
         os.kill(pids[3], signal.SIGSTOP)
         patch.setattr("agentd.operator.query.TIMEOUT", 1.0)

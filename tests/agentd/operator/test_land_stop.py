@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from agentd.daemon import end_requests, operator_protocol
 from dcf_zenoh import Run
 from tests.support.bodies import PHASES, Sandbox
 from tests.support.daemons import PROCESSES, Launch
@@ -102,12 +103,18 @@ def hang(problem, me):
 """
 
 
-def test_agentd_stop_reaches_a_body_whose_algorithm_hangs(sandbox: Sandbox, tmp_path: Path) -> None:
+def test_agentd_stop_reaches_a_body_whose_algorithm_hangs_although_the_files_of_the_run_are_damaged(
+    sandbox: Sandbox, tmp_path: Path
+) -> None:
     (tmp_path / "hang.py").write_text(HANGS)
     lonely = ["algorithm.kind='./hang.py:hang'", "safety.neighbour_silent.then='continue'"]
     with Launch(sandbox.file, tmp_path / "run", *WALL, *lonely) as launch:
         launch.flying()
         until(lambda: (log := launch.log(3)) is not None and len(log.step) > 8, "agent 2 hangs")
+        file = launch.folder / "fleet.toml"
+        file.write_text(file.read_text()[:200])
+        (launch.folder / "run.json").write_text('{"endpoints": ')
+        (launch.folder / "plugins" / "body.py").write_text("raise ImportError")
         done = agentd("stop", str(launch.folder))
         assert done.stdout.splitlines() == ["agent 1: motors off", "agent 3: motors off"]
         assert done.stderr == "agentd: agent 2 did not answer within 3 s\n"
@@ -116,6 +123,25 @@ def test_agentd_stop_reaches_a_body_whose_algorithm_hangs(sandbox: Sandbox, tmp_
         assert launch.end() == 1
     for agent in (1, 3):
         assert sandbox.of(agent)[-3:] == ["emergency", "finish stopped", "close"]
+
+
+def test_land_and_stop_import_neither_numpy_nor_what_reads_fleet_files() -> None:
+    slow = ("numpy", "numba", "matplotlib", "pydantic", "rich", "dcf_zenoh.config", "dcf_zenoh.plugins", "plants")
+    text = f"import sys, agentd.__main__, agentd.operator.land_stop; print([n for n in {slow} if n in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", text], capture_output=True, text=True, timeout=30, check=True)
+    assert done.stdout == "[]\n"
+
+
+def test_land_and_stop_send_the_bytes_of_the_protocol() -> None:
+    assert operator_protocol.encode(operator_protocol.Land()) == end_requests.LAND
+    assert end_requests.STOP == operator_protocol.HALT
+    answer = operator_protocol.Answer(agent=1, time=5)
+    assert end_requests.error_in(operator_protocol.encode(answer)) == ""
+    refusal = operator_protocol.Answer(agent=1, error="no")
+    assert end_requests.error_in(operator_protocol.encode(refusal)) == "no"
+    assert end_requests.error_in(b"") == operator_protocol.decode_answer(b"", 1).error
+    assert end_requests.error_in(b"\xc1").startswith("not an answer: ")
+    assert end_requests.error_in(b"\x01").startswith("not an answer: ")
 
 
 SLOW = """\
