@@ -146,19 +146,19 @@ def claim_stdout() -> StatusPipe:
 def detach_output() -> None:
     """Make threads write standard output and error, log messages included, from now to the end of the process.
 
-    A stream without a file descriptor of its own, as in tests, stays as it is.
+    A stream that replaces one of the process, as in tests, stays as it is.
     """
     streams: dict[int, BackgroundStream] = {}
-    atexit.register(drain_output)
     for name in ("stdout", "stderr"):
         stream = getattr(sys, name)
-        try:
-            stream.flush()
-            descriptor = stream.fileno()
-        except (AttributeError, OSError, ValueError):
+        if stream is None or stream not in (sys.__stdout__, sys.__stderr__):
             continue
+        with suppress(OSError):  # disk full, terminal closed
+            stream.flush()
+        descriptor = stream.fileno()
         if descriptor not in streams:
             streams[descriptor] = BackgroundStream(descriptor)
+            atexit.register(streams[descriptor].drain)
         setattr(sys, name, streams[descriptor])
         for handler in logging.getLogger().handlers:
             if isinstance(handler, logging.StreamHandler) and handler.stream is stream:
