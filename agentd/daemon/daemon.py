@@ -15,8 +15,8 @@ from agentd import exit_codes
 from agentd.daemon.operator_protocol import HALT, Control, changes_in
 from agentd.daemon.output import LogFile, StatusPipe, drain_output
 from agentd.daemon.runner import VirtualRunner, WallRunner, await_goodbyes, spare_collector
+from agentd.daemon.signals import CTRL_Z, ENDING, CaughtSignals, signal_name
 from agentd.daemon.stop_requests import STOP_WITHIN, EmergencyStop, read_lines
-from agentd.signals import CTRL_Z, ENDING, CaughtSignals, signal_name
 from dcf_zenoh.assembly import AgentParts, Blueprint, Restart
 from dcf_zenoh.config import LoadedFleet, to_toml
 from dcf_zenoh.errors import Interrupted, LogIncomplete, NetworkError, NotReady, RecordingError, Stopped

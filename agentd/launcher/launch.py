@@ -12,6 +12,7 @@ from queue import Empty, SimpleQueue
 from types import FrameType
 from typing import Any, TypeAlias, TypeVar
 
+from agentd.daemon.signals import ENDING, signal_name
 from agentd.daemon.stop_requests import in_foreground
 from agentd.endpoints import free_endpoints
 from agentd.exit_codes import DONE, NEIGHBOUR_LOST, STOPPED, UNRECORDED
@@ -20,7 +21,6 @@ from agentd.launcher.key_presses import reading_keys
 from agentd.launcher.terminal import Terminal
 from agentd.operator_file import OperatorFile
 from agentd.run_directory import write_run_json
-from agentd.signals import ENDING, signal_name
 from dcf_zenoh.config import LoadedFleet, freeze
 from dcf_zenoh.configuration.building.problem_and_plant import plant_classes
 from dcf_zenoh.errors import ConfigurationError, DcfError, Interrupted, RecordingError

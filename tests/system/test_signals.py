@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from agentd.signals import CTRL_Z, ENDING, CaughtSignals
+from agentd.daemon.signals import CTRL_Z, ENDING, CaughtSignals
 from dcf_zenoh import Run
 from dcf_zenoh.records.agent_log import AgentLog
 from dcf_zenoh.records.log_writer import log_name
