@@ -22,10 +22,11 @@ from agentd.run_and_report import (
     read_run,
     simulate_and_report,
 )
-from agentd.run_directory import check_unused, new_run_folder, read_run_json
+from agentd.run_directory import new_run_folder, read_run_json
 from dcf_zenoh.config import freeze, load, to_toml
 from dcf_zenoh.errors import ConfigurationError, DcfError, RecordingError
 from dcf_zenoh.plugins import GROUPS
+from dcf_zenoh.records.log_writer import check_unused
 from dcf_zenoh.records.run import Run
 
 Command: TypeAlias = Callable[[Namespace], int]

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 from dcf_zenoh.errors import RecordingError
-from dcf_zenoh.records.log_writer import log_name
 from dcf_zenoh.spec import FleetSpec
 
 
@@ -40,17 +39,6 @@ def new_folder(name: str, out: Path | None) -> Path:
     except OSError as error:
         raise RecordingError(f"{folder}: cannot be written: {error.strerror}") from error
     return folder
-
-
-def check_unused(folder: Path, agent: int) -> None:
-    """Raise an error if the agent has run in this directory before.
-
-    Raises:
-        RecordingError: The log of the agent exists.
-    """
-    path = folder / log_name(agent)
-    if path.exists():
-        raise RecordingError(f"{path}: there is a log already; choose another directory with --out")
 
 
 def write_run_json(folder: Path, content: Mapping[str, Any]) -> None:

@@ -36,6 +36,7 @@ log = logging.getLogger(__name__)
 GOODBYE_TIMEOUT = 2.0  # s, longest wait for the neighbours' goodbyes
 SEND_TIMEOUT = 0.5  # s, longest wait of a message for a neighbour that accepts none, on the wall clock
 END_WITHIN = 2.5  # s from a signal to the end of the process, in addition to the landing time of the plant
+LEASE = 2.0  # s without any sign of life after which a link is given up, on the wall clock; Zenoh opens it again
 CLOCK_OFFSET_MAX = 0.02  # s, largest offset between two machines on the wall clock
 
 
@@ -101,11 +102,11 @@ def _run_agent(fleet: LoadedFleet, task: Assignment, emergency: EmergencyStop, s
     restart = restart_of(fleet.spec, task.folder, task.agent) if task.rejoin else None
     incarnation = restart.incarnation if restart else 0
     with (
-        open_log(task.folder, task.agent, again=task.rejoin) as file,
-        closing(LogFile(file, partial(_warn, task.agent))) as stream,
         Network(
             task.agent, neighbourhood, address, lambda request: emergency.pull() if request == HALT else None
         ) as network,
+        open_log(task.folder, task.agent, again=task.rejoin) as file,  # after the port: no other daemon writes it
+        closing(LogFile(file, partial(_warn, task.agent))) as stream,
     ):
         signals.react(lambda number: network.notify(Stop(_stopped_by(number))))
         read_lines(network, emergency, supervised=task.status is not None)
@@ -175,12 +176,15 @@ def _warn(agent: int, text: str) -> None:
 
 def _address(fleet: FleetSpec, task: Assignment, neighbourhood: Neighbourhood) -> Address:
     linked = sorted({*neighbourhood.receives_from, *neighbourhood.sends_to})
+    wall = fleet.time.clock == "wall"
     return Address(
         prefix=f"dcf/{fleet.name}/{task.run}",
         listen=task.endpoints[task.agent],
         connect=endpoints_to_connect(task.agent, linked, task.endpoints),
         settings=fleet.zenoh.settings,
-        send_timeout=SEND_TIMEOUT if fleet.time.clock == "wall" else fleet.zenoh.receive_timeout,
+        send_timeout=SEND_TIMEOUT if wall else fleet.zenoh.receive_timeout,
+        lease=LEASE if wall else Address.lease,
+        lossy=wall,
     )
 
 

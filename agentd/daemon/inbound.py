@@ -8,11 +8,12 @@ from dcf_zenoh.errors import MessageError, NetworkError, Stopped
 from dcf_zenoh.message import GOODBYE, Message
 from dcf_zenoh.messaging.handshake import ClockOffset, Hello
 from dcf_zenoh.messaging.mailbox import Mailbox
-from dcf_zenoh.messaging.network import CHANNEL_SIZE, Agreed, Command, Lost, Network, Refused, Stop
+from dcf_zenoh.messaging.network import CHANNEL_SIZE, Agreed, Back, Command, Lost, Network, Refused, Stop
 
 log = logging.getLogger(__name__)
 REFUSALS_LOGGED = 5  # messages, and hellos
 EARLY = 100_000_000  # ns by which a step may begin at a sender before it does here, in addition to a control period
+STRAGGLE = 50_000_000  # ns; a message that was sent so long after its sender was lost shows that it is back
 
 
 class Inbound:
@@ -23,6 +24,8 @@ class Inbound:
         mailbox: Mailbox that takes the messages.
         stamp: Message -> when it entered the link and when it was received, fleet time in ns; called when it is read.
         handle: Carries out an operator's request and returns the answer.
+        now: Returns fleet time, ns. Then a lost neighbour whose liveliness token or messages come again is not lost any
+            more. None, for virtual time: it remains lost, as the messages that were lost meanwhile are an error.
 
     Attributes:
         agreed: Whether a person has agreed to the take-off.
@@ -34,11 +37,14 @@ class Inbound:
         mailbox: Mailbox,
         stamp: Callable[[Message], tuple[int, int]],
         handle: Callable[[bytes], bytes] = lambda _request: b"",
+        now: Callable[[], int] | None = None,
     ) -> None:
         self._network = network
         self._mailbox = mailbox
         self._stamp = stamp
         self._handle = handle
+        self._now = now
+        self._lost_at: dict[int, int] = {}  # neighbour -> when its loss was noticed, fleet time in ns
         self.agreed = False
         self._hellos_refused = 0
 
@@ -75,6 +81,11 @@ class Inbound:
             self.drain(event.agent)  # its goodbye may be among its last messages
             if not self._mailbox.departed(event.agent):
                 self._mailbox.lost[event.agent] = "its liveliness token is gone"
+                if self._now is not None:
+                    self._lost_at[event.agent] = self._now()
+        elif isinstance(event, Back):
+            if self._now is not None:
+                self._found_again(event.agent)
         elif isinstance(event, Refused):
             self._take(event)
         elif isinstance(event, Hello):
@@ -87,8 +98,6 @@ class Inbound:
 
     def _answer(self, hello: Hello) -> None:
         """Answer a neighbour that came later; after its restart, accept messages of its new incarnation."""
-        if hello.echo:  # the sender has an answer already: answering answers would never end
-            return
         try:
             self._network.answer(hello)
         except NetworkError as error:
@@ -105,15 +114,30 @@ class Inbound:
             self._refuse(found.key, found.reason)
             return False
         try:
-            return self._mailbox.put(found, *self._stamp(found))
+            entered, received = self._stamp(found)
+            news = self._mailbox.put(found, entered, received)
         except MessageError as error:
             self._refuse(f"the link from agent {found.sender}", str(error))
             return False
+        if news and self._lost_at:
+            self._heed(found, entered)
+        return news
 
     def _refuse(self, place: str, reason: str) -> None:
         self._mailbox.refused += 1
         if self._mailbox.refused <= REFUSALS_LOGGED:
             log.warning("refused a message on %s: %s", place, reason)
+
+    def _heed(self, message: Message, entered: int) -> None:
+        """Take a lost neighbour back whose messages come again, unless they were sent before the loss."""
+        j = message.sender
+        flows = message.step >= 0 and message.incarnation == self._mailbox.incarnation(j)
+        if flows and j in self._lost_at and entered > self._lost_at[j] + STRAGGLE:
+            self._found_again(j)
+
+    def _found_again(self, neighbour: int) -> None:
+        self._lost_at.pop(neighbour, None)
+        self._mailbox.lost.pop(neighbour, None)
 
 
 class Stamps:

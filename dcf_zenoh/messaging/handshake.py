@@ -103,12 +103,19 @@ class Handshake:
         self._fingerprint = fingerprint
         self._unanswered = set(neighbours)
         self._silent = set(neighbours)
+        self._unconfirmed = set(neighbours)
         self._last: dict[int, Hello] = {}
+        self._asked: dict[int, int] = {}  # neighbour -> when the last hello that was no answer was sent to it, ns UTC
 
     @property
     def complete(self) -> bool:
         """Whether all neighbours have answered."""
         return not self._unanswered
+
+    @property
+    def confirmed(self) -> bool:
+        """Whether all neighbours are known to have an answer too: then no further hello is needed."""
+        return not (self._unanswered or self._unconfirmed)
 
     @property
     def status(self) -> str:
@@ -123,12 +130,17 @@ class Handshake:
     def hello(self, to: int, now: int) -> bytes:
         """Return the hello for a neighbour, sent at `now`, ns UTC."""
         last = self._last.get(to)
+        if last is None:
+            self._asked[to] = now
         echo = (last.sent, last.at) if last else (0, 0)
         data: bytes = msgpack.packb((self._agent, self._fingerprint, now, *echo, self._incarnation, self.start))
         return data
 
     def receive(self, hello: Hello) -> bool:
-        """Take in a hello; return whether it is the first of its sender, which then needs an answer at once.
+        """Take in a hello; return whether its sender still needs an answer.
+
+        It needs one until it echoes a hello that was an answer itself. So both sides repeat their hellos until each has
+        an answer, whatever is lost, and an answer to the last answer is never sent.
 
         Raises:
             NetworkError: The sender runs another fleet.
@@ -138,7 +150,6 @@ class Handshake:
                 f"agent {self._agent}: agent {hello.sender} runs another fleet file, other plug-ins or another"
                 f" version: fingerprint {hello.fingerprint}, expected {self._fingerprint}"
             )
-        first = hello.sender in self._silent
         self._silent.discard(hello.sender)
         self._last[hello.sender] = hello
         if hello.echo:
@@ -148,10 +159,15 @@ class Handshake:
                 self.offsets[hello.sender] = offset
             if hello.start and not self.start:
                 self.start = hello.start - offset.significant
-        return first
+        if hello.echo <= self._asked.get(hello.sender, 0):
+            return True
+        self._unconfirmed.discard(hello.sender)
+        return False
 
     def forget(self, neighbour: int) -> None:
         """Forget a neighbour that is gone: if it comes back, the handshake with it begins anew."""
         self._unanswered.add(neighbour)
         self._silent.add(neighbour)
+        self._unconfirmed.add(neighbour)
         self._last.pop(neighbour, None)
+        self._asked.pop(neighbour, None)

@@ -8,6 +8,9 @@ becomes an event in a queue. Keys, below ``dcf/<fleet>/<run>``:
 - ``alive/<agent>``: liveliness tokens;
 - ``control/<agent>``: requests of operators, as queries.
 
+A UDP endpoint stands for two links to the same address: TCP for all that must arrive (Zenoh's declarations, hellos,
+liveliness tokens, messages before the start, goodbyes), UDP for the messages of rounds, which may be lost.
+
 An agent subscribes to its in-neighbours only and publishes under its own id only.
 """
 
@@ -28,11 +31,12 @@ from zenoh.handlers import FifoChannel
 
 from dcf_zenoh.errors import MessageError, NetworkError, NotReady
 from dcf_zenoh.graph import Neighbourhood
-from dcf_zenoh.message import Message, decode, encode
+from dcf_zenoh.message import GOODBYE, Message, decode, encode
 from dcf_zenoh.messaging.handshake import ClockOffset, Handshake, Hello
 from dcf_zenoh.messaging.waker import Waker
 
 HELLO_PERIOD = 0.02  # s between hellos to a neighbour that has not answered
+CONFIRM_WAIT = 0.2  # s that a complete handshake goes on until the neighbours are known to have their answers too
 REJOIN_WAIT = 1.0  # s that a restarted agent waits for further neighbours after the first has answered
 CHANNEL_SIZE = 4096  # messages of one neighbour that can wait; a full channel blocks the sender
 WAKE = os.urandom(16)  # payload that wakes up a thread which waits for a message
@@ -56,6 +60,12 @@ class Lost(NamedTuple):
     agent: int
 
 
+class Back(NamedTuple):
+    """The liveliness token of a neighbour is there, for the first time or again."""
+
+    agent: int
+
+
 class Stop(NamedTuple):
     """The agent has to end."""
 
@@ -73,7 +83,7 @@ class Command(NamedTuple):
     reply: Callable[[bytes], None]
 
 
-Event: TypeAlias = Refused | Lost | Hello | Stop | Agreed | Command
+Event: TypeAlias = Refused | Lost | Back | Hello | Stop | Agreed | Command
 
 
 @dataclass(frozen=True)
@@ -86,6 +96,9 @@ class Address:
         connect: Endpoints to which it connects.
         settings: Zenoh configuration keys as paths, with their values; they override those set here.
         send_timeout: Longest wait for room on the way to one neighbour, s; then that link is given up.
+        lease: Silence after which a neighbour gives its link to this agent up, s. Zenoh itself sends at least four
+            times as often.
+        lossy: Whether messages of rounds may be lost, where an endpoint is one of UDP.
     """
 
     prefix: str
@@ -93,6 +106,13 @@ class Address:
     connect: tuple[str, ...]
     settings: Mapping[str, Any]
     send_timeout: float = 5.0
+    lease: float = 10.0
+    lossy: bool = True
+
+    @property
+    def over_udp(self) -> bool:
+        """Whether there is a link over UDP, next to one over TCP."""
+        return any(len(_links(endpoint)) > 1 for endpoint in (self.listen, *self.connect))
 
     def config(self) -> zenoh.Config:
         """Return the session's configuration: direct links by explicit endpoints, no scouting of any kind.
@@ -109,16 +129,30 @@ class Address:
         """Return the configuration of the session as keys, which are paths, with their values."""
         defaults: dict[str, Any] = {
             "mode": "peer",
-            "listen/endpoints": [self.listen] if self.listen else [],
-            "connect/endpoints": list(self.connect),
+            "listen/endpoints": _links(self.listen) if self.listen else [],
+            "connect/endpoints": [link for endpoint in self.connect for link in _links(endpoint)],
             "connect/retry": {"period_init_ms": 20, "period_max_ms": 200, "period_increase_factor": 1.5},
             "open/return_conditions": {"connect_scouted": False, "declares": False},
             "scouting/multicast/enabled": False,
             "scouting/gossip/enabled": False,
+            "transport/link/tx/lease": round(self.lease * 1e3),
             "transport/link/tx/queue/congestion_control/block/wait_before_close": round(self.send_timeout * 1e6),
             "transport/shared_memory/enabled": False,  # a killed process would leave a file in /dev/shm
         }
+        if self.over_udp:
+            defaults["transport/unicast/max_links"] = 2
+            for side in ("open", "accept"):  # ms; what is lost while a link is being opened is not sent again
+                defaults[f"transport/unicast/{side}_timeout"] = 1000
         return {**defaults, **self.settings}
+
+
+def _links(endpoint: str) -> list[str]:
+    """Return the Zenoh endpoints of the links that an endpoint stands for; one with metadata stands for itself."""
+    protocol, _, rest = endpoint.partition("/")
+    if protocol != "udp" or "?" in rest:
+        return [endpoint]
+    address, hash_, options = rest.partition("#")
+    return [f"tcp/{address}?rel=1{hash_}{options}", f"udp/{address}?rel=0{hash_}{options}"]
 
 
 def check_settings(settings: Mapping[str, Any]) -> None:
@@ -181,19 +215,22 @@ class Network:
         self._waker = Waker(self._wake)
         self._channels: dict[int, zenoh.Subscriber[Any]] = {}
         try:
-            self._declare(neighbourhood)
+            self._declare(neighbourhood, lossy=address.lossy and address.over_udp)
         except BaseException:
             self.__exit__(None, None, None)  # a session that stays open would keep the process from ending
             raise
 
-    def _declare(self, neighbourhood: Neighbourhood) -> None:
-        """Declare all that the session has, its token last."""
+    def _declare(self, neighbourhood: Neighbourhood, *, lossy: bool) -> None:
+        """Declare all that the session has, its token last; with `lossy` messages of rounds go by UDP."""
         agent = self._agent
         self._keys = {j: f"{self._prefix}/from/{j}/to/{agent}" for j in neighbourhood.receives_from}
         for j, key in self._keys.items():
             self._channels[j] = self._session.declare_subscriber(key, FifoChannel(CHANNEL_SIZE))
-        self._publisher = self._declare_publisher("*")
-        self._edges = {j: self._declare_publisher(str(j)) for j in neighbourhood.sends_to}
+        receivers: tuple[int | None, ...] = (None, *neighbourhood.sends_to)
+        self._certain = {j: self._declare_publisher(j, zenoh.Reliability.RELIABLE) for j in receivers}
+        self._rounds = self._certain
+        if lossy:
+            self._rounds = {j: self._declare_publisher(j, zenoh.Reliability.BEST_EFFORT) for j in receivers}
         for j in self._linked:  # last: once the hello key is declared, all others are
             self._watch(j)
         self._session.declare_queryable(f"{self._prefix}/control/{agent}", self._on_query)
@@ -215,8 +252,8 @@ class Network:
 
     def publish(self, message: Message, receiver: int | None = None, sent: int | None = None) -> None:
         """Send `message` to the out-neighbour `receiver`, or to all of them, stamped with `sent` if given."""
-        publisher = self._publisher if receiver is None else self._edges[receiver]
-        publisher.put(encode(message, sent))
+        certain = message.step < 0 or message.last >= GOODBYE
+        (self._certain if certain else self._rounds)[receiver].put(encode(message, sent))
 
     def receive(self, sender: int, deadline: float) -> Message | Refused | None:
         """Wait for the next message of the in-neighbour `sender`, until `deadline` (monotonic s).
@@ -263,7 +300,9 @@ class Network:
     def do_handshake(self, fingerprint: str, timeout: float, incarnation: int = 0) -> dict[int, ClockOffset]:
         """Do the handshake with all neighbours; see `Handshake`.
 
-        A restarted agent needs one neighbour, and waits `REJOIN_WAIT` for the others.
+        Hellos are repeated until all have answered, and then for up to `CONFIRM_WAIT` until all neighbours have their
+        answers too. After that, `answer` serves those that do not. A restarted agent needs one neighbour, and waits
+        `REJOIN_WAIT` for the others.
 
         Args:
             fingerprint: Hash of fleet file, plug-ins and version; it must be the same at every agent.
@@ -280,10 +319,10 @@ class Network:
         self._handshake = handshake = Handshake(self._agent, self._linked, fingerprint, incarnation)
         deferred: list[Event] = []
         deadline, due, enough = time.monotonic() + timeout, 0.0, inf
-        while not handshake.complete:
+        while not handshake.confirmed:
             now = time.monotonic()
-            if incarnation and handshake.offsets:
-                enough = min(enough, now + REJOIN_WAIT)
+            rest = CONFIRM_WAIT if handshake.complete else REJOIN_WAIT if incarnation and handshake.offsets else inf
+            enough = min(enough, now + rest) if rest < inf else inf
             if now >= enough:
                 break
             if now >= deadline:
@@ -291,21 +330,29 @@ class Network:
             if now >= due:
                 due = now + HELLO_PERIOD
                 self._send_hellos(self._linked, handshake)
-            event = self.next_event(min(due, deadline))
-            if isinstance(event, Stop):
-                raise NotReady(f"agent {self._agent}: {event.reason} before all neighbours were ready")
-            if isinstance(event, Lost):
-                handshake.forget(event.agent)
-            elif isinstance(event, Refused | Agreed):
-                deferred.append(event)
-            elif isinstance(event, Command):
-                event.reply(b"")  # no requests before the start
-            elif isinstance(event, Hello) and handshake.receive(event):
-                self._send_hellos([event.sender], handshake)
+            self._shake(handshake, self.next_event(min(due, deadline, enough)), deferred)
         self._send_hellos(self._linked, handshake)
         for event in deferred:
             self._events.put(event)
         return handshake.offsets
+
+    def _shake(self, handshake: Handshake, event: Event | None, deferred: list[Event]) -> None:
+        """Handle an event of the handshake; what belongs to the time after it goes to `deferred`.
+
+        Raises:
+            NotReady: This agent was stopped from outside.
+            NetworkError: A neighbour runs another fleet.
+        """
+        if isinstance(event, Stop):
+            raise NotReady(f"agent {self._agent}: {event.reason} before all neighbours were ready")
+        if isinstance(event, Lost):
+            handshake.forget(event.agent)
+        elif isinstance(event, Refused | Agreed):
+            deferred.append(event)
+        elif isinstance(event, Command):
+            event.reply(b"")  # no requests before the start
+        elif isinstance(event, Hello) and handshake.receive(event):
+            self._send_hellos([event.sender], handshake)
 
     @property
     def start(self) -> int:
@@ -318,13 +365,12 @@ class Network:
             self._handshake.start = instant
 
     def answer(self, hello: Hello) -> None:
-        """Answer a hello that came after the handshake: its sender joins late, or has missed the last answer.
+        """Answer a hello that came after the handshake, if its sender needs that: it joins late, or missed the answer.
 
         Raises:
             NetworkError: The sender runs another fleet.
         """
-        if self._handshake is not None:
-            self._handshake.receive(hello)
+        if self._handshake is not None and self._handshake.receive(hello):
             self._send_hellos([hello.sender], self._handshake)
 
     def unanswered(self) -> Iterator[Command]:
@@ -335,11 +381,12 @@ class Network:
                 if isinstance(event, Command):
                     yield event
 
-    def _declare_publisher(self, receiver: str) -> zenoh.Publisher:
+    def _declare_publisher(self, receiver: int | None, reliability: zenoh.Reliability) -> zenoh.Publisher:
         return self._session.declare_publisher(
-            f"{self._prefix}/from/{self._agent}/to/{receiver}",
+            f"{self._prefix}/from/{self._agent}/to/{'*' if receiver is None else receiver}",
             congestion_control=zenoh.CongestionControl.BLOCK,
             express=True,
+            reliability=reliability,
         )
 
     def _on_query(self, query: zenoh.Query) -> None:
@@ -362,7 +409,12 @@ class Network:
 
     def _send_hellos(self, neighbours: Iterable[int], handshake: Handshake) -> None:
         for j in neighbours:
-            self._session.put(f"{self._prefix}/hello/{self._agent}/to/{j}", handshake.hello(j, time.time_ns()))
+            self._session.put(
+                f"{self._prefix}/hello/{self._agent}/to/{j}",
+                handshake.hello(j, time.time_ns()),
+                congestion_control=zenoh.CongestionControl.BLOCK,
+                express=True,
+            )
 
     def _watch(self, neighbour: int) -> None:
         """Turn hellos and the liveliness of a neighbour into events."""
@@ -376,8 +428,8 @@ class Network:
                 self.notify(Refused(key, str(error)))
 
         def on_liveliness(sample: zenoh.Sample) -> None:
-            if sample.kind == zenoh.SampleKind.DELETE:
-                self.notify(Lost(neighbour))
+            gone = sample.kind == zenoh.SampleKind.DELETE
+            self.notify(Lost(neighbour) if gone else Back(neighbour))
 
         self._session.declare_subscriber(key, on_hello)
         alive = f"{self._prefix}/alive/{neighbour}"

@@ -10,6 +10,7 @@ import platform
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from importlib.metadata import version
+from itertools import count
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, BinaryIO, NamedTuple
@@ -243,6 +244,9 @@ def length_of_complete(data: bytes) -> int:
 def open_log(directory: Path, agent: int, *, again: bool = False) -> BinaryIO:
     """Open a new stream in a run directory; with `again` continue an existing one after its last complete object.
 
+    A log without a control step is that of a start that failed. It does not block the next start: a new stream takes
+    its place, and it is kept as ``agent-<id>.msgpack.not-started-<n>`` unless it is empty.
+
     Raises:
         RecordingError: It cannot be written, or it exists; with `again`: it does not exist.
     """
@@ -253,8 +257,27 @@ def open_log(directory: Path, agent: int, *, again: bool = False) -> BinaryIO:
             stream.truncate(stream.seek(length_of_complete(path.read_bytes())))
             return stream
         directory.mkdir(parents=True, exist_ok=True)
-        return path.open("wb" if path.is_file() and not path.stat().st_size else "xb", buffering=0)
-    except FileExistsError:
-        raise RecordingError(f"{path}: there is a log already; choose another directory with --out") from None
+        check_unused(directory, agent)
+        if path.is_file() and path.stat().st_size:
+            path.rename(next(free for n in count(1) if not (free := Path(f"{path}.not-started-{n}")).exists()))
+        return path.open("wb" if path.is_file() else "xb", buffering=0)
     except OSError as error:
         raise RecordingError(f"{path}: cannot be written: {error.strerror}") from error
+
+
+def check_unused(directory: Path, agent: int) -> None:
+    """Raise an error if the agent has flown in this run directory before; a start that failed is no flight.
+
+    Raises:
+        RecordingError: The log of the agent has control steps, is damaged, or cannot be read.
+    """
+    path = directory / log_name(agent)
+    try:
+        data = path.read_bytes() if path.exists() else b""
+        flown = any(isinstance(item, list) for item, _ in read_stream(data))
+    except OSError as error:
+        raise RecordingError(f"{path}: cannot be read: {error.strerror}") from error
+    except ValueError:
+        flown = True
+    if flown:
+        raise RecordingError(f"{path}: there is a log already; choose another directory with --out")

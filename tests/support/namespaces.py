@@ -4,7 +4,7 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
@@ -25,12 +25,13 @@ class Cable:
     What is set up in a namespace is nobody else's: addresses and ports in it need not be free anywhere.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, tools: Sequence[str] = TOOLS) -> None:
+        self._tools = tools
         self._names = {end: f"dcf-{os.getpid()}-{end}" for end in (1, 2)}
         self._open = ExitStack()
 
     def __enter__(self) -> Self:
-        if missing := [tool for tool in TOOLS if shutil.which(tool) is None]:
+        if missing := [tool for tool in self._tools if shutil.which(tool) is None]:
             pytest.skip(f"the kernel's own faults need {', '.join(missing)}, which is not installed")
         with ExitStack() as cleaning:
             for name in self._names.values():
@@ -61,7 +62,9 @@ class Cable:
         """What a command prints in the namespace of one end."""
         return _run("ip", "netns", "exec", self._names[end], *command)
 
-    def run(self, fleet: Path, folder: Path, within: float) -> Mapping[int, AgentLog]:
+    def run(
+        self, fleet: Path, folder: Path, within: float, meanwhile: Callable[[], None] = lambda: None
+    ) -> Mapping[int, AgentLog]:
         """Run agents 1 and 2 of `fleet`, one daemon at each end, to their end; what they recorded."""
         with ExitStack() as ending:
             daemons = []
@@ -71,6 +74,7 @@ class Cable:
                 ending.enter_context(daemon)
                 ending.callback(daemon.kill)  # before its context waits for it
                 daemons.append(daemon)
+            meanwhile()
             for daemon in daemons:
                 _, errors = daemon.communicate(timeout=within)
                 assert daemon.returncode == 0, errors

@@ -1,3 +1,6 @@
+from collections.abc import Iterator
+from itertools import count
+
 import msgpack
 import pytest
 
@@ -25,6 +28,71 @@ def test_handshake_is_complete_when_the_neighbour_has_answered() -> None:
     assert a.complete
     assert not b.receive(Hello.read(a.hello(2, 109 * MS), 1, 110 * MS))  # not its first
     assert b.complete
+
+
+PERIOD, TRIP = 20 * MS, 6 * MS  # ns: between two hellos of an agent that has not been confirmed, and on the way
+
+
+def converse(lost: Iterator[bool]) -> tuple[dict[int, Handshake], int]:
+    """Lead agents 1 and 2 through a handshake while hellos get lost; return both, and how many hellos they sent.
+
+    An agent repeats its hello until it is confirmed or, once complete, for ten periods; then it only answers.
+    """
+    sides = {1: Handshake(1, [2], "f"), 2: Handshake(2, [1], "f")}
+    repeats: dict[int, int] = {1: 10, 2: 10}
+    on_the_way: list[tuple[int, int, bytes]] = []
+    sent = 0
+
+    def send(agent: int, now: int) -> None:
+        nonlocal sent
+        sent += 1
+        data = sides[agent].hello(3 - agent, now)
+        if not next(lost):
+            on_the_way.append((now + TRIP, 3 - agent, data))
+
+    for now in range(1000 * MS, 1500 * MS, MS):  # instants of a clock are never 0
+        for agent, side in sides.items():
+            start = (1000 + (agent - 1) * 7) * MS  # agent 2 begins later
+            if now >= start and (now - start) % PERIOD == 0 and repeats[agent] and not side.confirmed:
+                repeats[agent] -= side.complete
+                send(agent, now)
+        for delivery in [each for each in on_the_way if each[0] == now]:
+            on_the_way.remove(delivery)
+            _, agent, data = delivery
+            confirmed = sides[agent].confirmed
+            if sides[agent].receive(Hello.read(data, 3 - agent, now)) or sides[agent].confirmed > confirmed:
+                send(agent, now)
+    assert not on_the_way  # nobody answers answers for ever
+    return sides, sent
+
+
+@pytest.mark.parametrize("length", [0, 1, 4, 8])
+def test_handshake_completes_on_both_sides_whichever_hellos_are_lost(length: int) -> None:
+    for pattern in range(2**length):
+        lost = iter((pattern >> k) & 1 for k in range(length))
+        sides, sent = converse(bool(next(lost, 0)) for _ in count())
+        assert sides[1].complete, f"{pattern:b}"
+        assert sides[2].complete, f"{pattern:b}"
+        assert sent <= 30, f"{pattern:b}"
+
+
+@pytest.mark.parametrize("deaf", [1, 2])
+def test_side_that_receives_everything_does_not_end_the_handshake_of_the_other(deaf: int) -> None:
+    """All but the first hello to one side are lost, for longer than the other side repeats its own."""
+    a, b = Handshake(deaf, [9], "f"), Handshake(9, [deaf], "f")
+    a.receive(Hello.read(b.hello(deaf, 1 * MS), 9, 2 * MS))
+    for now in range(20 * MS, 1020 * MS, PERIOD):
+        hello = Hello.read(a.hello(9, now), deaf, now + TRIP)
+        assert hello.echo
+        assert b.receive(hello)  # it is to be answered, though it is an answer itself
+        b.hello(deaf, now + TRIP)
+        assert b.complete
+        assert not a.complete
+        assert not b.confirmed
+    a.receive(Hello.read(b.hello(deaf, 1030 * MS), 9, 1040 * MS))
+    assert a.complete
+    assert not b.receive(Hello.read(a.hello(9, 1040 * MS), deaf, 1050 * MS))
+    assert b.confirmed
 
 
 @pytest.mark.parametrize(("there", "back"), [(MS, MS), (3 * MS, MS)])

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from typing import Any
 
 import msgpack
 import numpy as np
@@ -15,11 +16,13 @@ import pytest
 import zenoh
 
 import dcf_zenoh
+from agentd.daemon.inbound import Inbound
 from dcf_zenoh import Run
 from dcf_zenoh.errors import NetworkError, NotReady
 from dcf_zenoh.graph import Neighbourhood
 from dcf_zenoh.message import BYTES_MAX, VERSION, Last, Message, encode
 from dcf_zenoh.messaging.handshake import ClockOffset
+from dcf_zenoh.messaging.mailbox import Mailbox
 from dcf_zenoh.messaging.network import (
     CHANNEL_SIZE,
     Address,
@@ -190,6 +193,44 @@ def test_connecting_agent_waits_for_the_listening_one_to_start() -> None:
         with site.open(1) as late:
             late.do_handshake("same", 10.0)
             assert list(future.result(10.0)) == [1]
+
+
+class LosingHellos:
+    """A session that loses some of its first hellos; everything else goes to the real one."""
+
+    def __init__(self, session: zenoh.Session, pattern: int) -> None:
+        self._session = session
+        self._pattern = pattern
+
+    def put(self, key: str, *args: Any, **options: Any) -> None:
+        """Publish, unless it is a hello to be lost."""
+        if "/hello/" in key:
+            lost, self._pattern = self._pattern & 1, self._pattern >> 1
+            if lost:
+                return
+        self._session.put(key, *args, **options)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._session, name)
+
+
+@pytest.mark.parametrize("pattern", [0b0, 0b1, 0b10, 0b110, 0b1110, 0b111110, 0b1010, 0b11])
+def test_handshake_completes_though_hellos_of_one_side_are_lost(pattern: int) -> None:
+    site = Site()
+    with site.open(1) as one, site.open(2) as two, ThreadPoolExecutor() as pool:
+        one._session = LosingHellos(one._session, pattern)  # type: ignore[assignment]
+        futures = {network: pool.submit(network.do_handshake, "same", 5.0) for network in (one, two)}
+        deadline = soon(8.0)
+        while not all(future.done() for future in futures.values()):
+            assert time.monotonic() < deadline
+            for network, future in futures.items():
+                if future.done():  # it goes on, as its loop does
+                    Inbound(network, Mailbox([]), _unstamped).events(time.monotonic() + 0.005)
+        assert [sorted(future.result()) for future in futures.values()] == [[2], [1]]
+
+
+def _unstamped(message: Message) -> tuple[int, int]:
+    return message.sent, message.sent
 
 
 def test_missing_neighbour_is_named_at_the_deadline() -> None:
