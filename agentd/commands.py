@@ -276,8 +276,9 @@ def compare(options: Namespace) -> int:
     The table, which is also in comparison.csv: when all had arrived; overshoot: how far an agent was beyond its target,
     at most, along the line from its start; least distance and barrier value; for how long the barrier value was
     negative, and how often; RMS distance from where the plan of the step before said that a body would be; rounds;
-    negotiation; deadlines missed. All at the samples. The exit code is 1 if a variant failed; the others run all the
-    same.
+    negotiation; deadlines missed. Distances and barrier values count between the samples too, where the paths of all
+    bodies are known, as those of simulated ones are; otherwise a * says that they are those at the samples. The exit
+    code is 1 if a variant failed; the others run all the same.
     """
     from agentd.sweeps.compare import compare_variants  # noqa: PLC0415
 

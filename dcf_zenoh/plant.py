@@ -3,7 +3,7 @@
 from abc import ABC, abstractmethod
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from typing import ClassVar, NamedTuple, TypeAlias
+from typing import ClassVar, NamedTuple, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
@@ -165,6 +165,45 @@ class Plant(ABC):
 
     def emergency_stop(self) -> None:
         """Stop all motion at once. Callable from any thread, never through the agent's loop."""
+
+
+class Piece(NamedTuple):
+    """Piece of the path of a body: constant acceleration from `begin` until the next piece begins.
+
+    Attributes:
+        begin: Fleet time, ns.
+        position: Position then, shape (d,), m.
+        velocity: Velocity then, shape (d,), m/s.
+        acceleration: Shape (d,), m/s².
+    """
+
+    begin: int
+    position: Array
+    velocity: Array
+    acceleration: Array
+
+    @classmethod
+    def between(cls, begin: int, state: State, end: int, position: Array) -> "Piece":
+        """Return the piece that leaves `state` at `begin` and reaches `position` at `end`, ns."""
+        duration = (end - begin) * 1e-9
+        acceleration = 2 * (position - state.position - state.velocity * duration) / duration**2
+        return cls(begin, state.position, state.velocity, acceleration)
+
+
+@runtime_checkable
+class KnownPath(Protocol):
+    """A simulated plant whose whole path is known, not only where it is sensed.
+
+    Its motion follows from its constructor's arguments and its setpoints alone. So what is measured of a run, such as
+    the closest approach, replays the recorded setpoints on a fresh plant. The path is used only if `sense` returns the
+    recorded states.
+    """
+
+    def path(self, until: int) -> Iterable[Piece]:
+        """Move on to `until`, ns, as `sense` does; return the pieces of the true path since the last call of a method.
+
+        The pieces are in order; the first begins where the body was. There is none if no time has passed.
+        """
 
 
 class NoPlant(Plant):

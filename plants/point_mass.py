@@ -1,8 +1,10 @@
 """Point mass under acceleration control."""
 
+from collections.abc import Iterator
+
 import numpy as np
 
-from dcf_zenoh.plant import Array, Plant, Setpoint, State, read_only
+from dcf_zenoh.plant import Array, Piece, Plant, Setpoint, State, read_only
 
 
 class PointMass(Plant):
@@ -43,6 +45,21 @@ class PointMass(Plant):
         """Return the exact position and velocity at `now`."""
         self._advance(now)
         return State(self._position, self._velocity)
+
+    def path(self, until: int) -> Iterator[Piece]:
+        """Yield the exact path up to `until`: one piece, or while it brakes one until each axis rests."""
+        stops = [until]
+        if self._input is None:
+            stops += [self._now + round(rest * 1e9) for rest in (abs(self._velocity) / self._accel_max).tolist()]
+        for instant in sorted(set(stops)):
+            if self._now < instant <= until:
+                braking = -np.sign(self._velocity) * self._accel_max
+                acceleration = braking if self._input is None else self._input
+                piece = Piece(self._now, self._position, self._velocity, acceleration)
+                self._advance(instant)
+                if self._input is None:  # an instant in whole ns leaves a rest of velocity
+                    self._velocity = read_only(np.where(abs(self._velocity) < 1e-8, 0.0, self._velocity))
+                yield piece
 
     def act(self, setpoint: Setpoint, now: int) -> None:
         """Hold the setpoint's acceleration from `now` on; without one, brake to rest at full deceleration."""

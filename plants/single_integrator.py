@@ -1,8 +1,10 @@
 """Single integrator: a body under velocity control."""
 
+from collections.abc import Iterator
+
 import numpy as np
 
-from dcf_zenoh.plant import Array, Plant, Setpoint, State, read_only
+from dcf_zenoh.plant import Array, Piece, Plant, Setpoint, State, read_only
 
 
 class SingleIntegrator(Plant):
@@ -38,6 +40,12 @@ class SingleIntegrator(Plant):
         self._position = read_only(self._position + self._velocity * (max(0, now - self._now) * 1e-9))
         self._now = max(now, self._now)
         return State(self._position, self._velocity)
+
+    def path(self, until: int) -> Iterator[Piece]:
+        """Yield the exact path up to `until`: one straight piece."""
+        if until > self._now:
+            yield Piece(self._now, self._position, self._velocity, np.zeros_like(self._position))
+            self.sense(until)
 
     def act(self, setpoint: Setpoint, now: int) -> None:
         """Move at the setpoint's velocity from `now` on; rest on a setpoint without acceleration, which means hold."""

@@ -1,9 +1,12 @@
 """Differential-drive robot controlled through a look-ahead point."""
 
+from collections.abc import Iterator
 from math import cos, pi, sin
 from typing import NamedTuple
 
-from dcf_zenoh.plant import Array, Plant, Setpoint, State, read_only
+from dcf_zenoh.plant import Array, Piece, Plant, Setpoint, State, read_only
+
+_PIECE = 2_000_000  # ns
 
 
 class Pose(NamedTuple):
@@ -82,6 +85,8 @@ class Unicycle(Plant):
         self._half_base = wheel_base / 2
         self._period = max(1, round(control_period * 1e9))
         self._heading = heading % (2 * pi)
+        self._speed = self._turn = 0.0
+        self._now = 0
         self._since = 0  # instant at which the wheel speeds were last computed, and to which the pose refers
         self._place(start, 0)
 
@@ -92,6 +97,7 @@ class Unicycle(Plant):
     def sense(self, now: int) -> State:
         """Return the exact position and velocity of the look-ahead point at `now`."""
         pose = self.pose(now)
+        self._now = max(self._now, now)
         ahead, aside = cos(pose.heading), sin(pose.heading)
         speed, across = self._speed, self._look_ahead * self._turn
         return State(
@@ -99,9 +105,17 @@ class Unicycle(Plant):
             read_only([speed * ahead - across * aside, speed * aside + across * ahead]),
         )
 
+    def path(self, until: int) -> Iterator[Piece]:
+        """Yield the path up to `until`: parabolas of at most `_PIECE` that meet its arcs at their ends."""
+        while self._now < until:
+            begin, state = self._now, self.sense(self._now)
+            after = self.sense(min(until, begin + _PIECE))
+            yield Piece.between(begin, state, self._now, after.position)
+
     def act(self, setpoint: Setpoint, now: int) -> None:
         """Move the point at the setpoint's velocity from `now` on; stop on a setpoint without acceleration (hold)."""
         self._pose, self._since = self.pose(now), max(now, self._since)
+        self._now = max(now, self._now)
         if setpoint.acceleration is None:
             self._wanted = (0.0, 0.0)
         elif setpoint.velocity.shape == (2,):
@@ -124,7 +138,7 @@ class Unicycle(Plant):
         self._pose = Pose(x - ahead * cos(self._heading), y - ahead * sin(self._heading), self._heading)
         self._wanted = (0.0, 0.0)
         self._speed = self._turn = 0.0
-        self._since = now
+        self._since = self._now = now
 
     def _driven(self, now: int) -> Pose:
         return self._pose.after(self._speed, self._turn, max(0, now - self._since) * 1e-9)

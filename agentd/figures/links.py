@@ -10,7 +10,7 @@ from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure, SubFigure
 from matplotlib.ticker import MaxNLocator
 
-from agentd.figures.style import BLUE, GREEN, GREY, INK, ORANGE, PINK, RED, SKY, heading
+from agentd.figures.style import BLUE, GREEN, GREY, INK, ORANGE, PINK, RED, SKY, heading, named, side_of
 from dcf_zenoh.analysis.link_health import LinkHealth, absences, link_health, total_per_step
 from dcf_zenoh.plant import Array
 from dcf_zenoh.records.run import Run
@@ -164,16 +164,17 @@ def _closeness(axes: Axes, run: Run, windows: Sequence[_Window]) -> None:
         return
     least = values.min(axis=1)
     axes.plot(run.time, least, color=BLUE, linewidth=1.6)
-    lowest = int(least.argmin())
-    axes.plot(run.time[lowest], least[lowest], "o", color=BLUE, markersize=5)
-    unit, side = ("" if run.barriers.size else " m"), ("left", "center", "right")[3 * lowest // len(least)]
+    closest = run.closest()
+    assert closest is not None  # there are values
+    place, side = (closest.time, closest.value), side_of(closest, run)
+    axes.plot(*place, "o", color=BLUE, markersize=5)
     axes.annotate(
-        f"{least[lowest]:.3f}{unit} at {run.time[lowest]:.1f} s", (run.time[lowest], least[lowest]), xytext=(0, 22),
+        named(closest, "" if run.barriers.size else " m"), place, xytext=(0, 22),
         textcoords="offset points", ha=side, color=BLUE, arrowprops={"arrowstyle": "-", "color": BLUE, "lw": 0.8},
         bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1}, zorder=5,
     )  # fmt: skip
     top = 1.1 * max(float(least.max()), 0.2)
-    axes.set_ylim(min(-0.07 * top, 1.2 * float(least.min())), top)
+    axes.set_ylim(min(-0.07 * top, 1.2 * closest.value), top)
     if run.barriers.size:
         axes.axhspan(-10, 0, color=RED, alpha=0.15, linewidth=0)
         axes.axhline(0, color=RED, linewidth=1.2, label="safety region, h < 0")

@@ -6,9 +6,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from agentd.figures.style import BLUE, GREEN, GREY, INK, ORANGE, RED, flies, heading
+from agentd.figures.style import BLUE, GREEN, GREY, INK, ORANGE, RED, flies, heading, named, side_of
 from dcf_zenoh.plant import Array
-from dcf_zenoh.records.run import Run
+from dcf_zenoh.records.run import Approach, Run
 
 _FEW = 15  # pairs up to which each is drawn
 
@@ -36,7 +36,7 @@ def separation(runs: Sequence[Run]) -> Figure | None:
         entries = {text: handle for axes in row for handle, text in zip(*axes.get_legend_handles_labels(), strict=True)}
         bottom = min(
             -0.07 * row[0].get_ylim()[1],
-            *(1.2 * each.min(initial=0.0) for run in flown for each in (run.barriers, run.clearances)),
+            *(1.2 * low.value for run in flown for low in map(run.closest, ("barrier", "clearance")) if low),
         )
         row[0].set_ylim(bottom=bottom if draw is _barriers else 0.0)
         row[-1].legend(entries.values(), entries.keys(), loc="upper left", bbox_to_anchor=(1.01, 1), borderaxespad=0)
@@ -44,7 +44,7 @@ def separation(runs: Sequence[Run]) -> Figure | None:
 
 
 def _distances(axes: Axes, run: Run) -> None:
-    _pairs(axes, run, run.distances, " m")
+    _pairs(axes, run, run.distances, run.closest("distance"), " m")
     reach = _reach(run)
     if reach is not None and run.distances.size:
         axes.axhspan(0, reach, color=RED, alpha=0.2, linewidth=0, label="in the safety region\nfrom any direction")
@@ -52,11 +52,11 @@ def _distances(axes: Axes, run: Run) -> None:
 
 def _barriers(axes: Axes, run: Run) -> None:
     if not run.barriers.size:
-        why = "no step that all agents recorded" if run.geometry.has_regions else "no safety region"
+        why = "no recorded step" if run.geometry.has_regions else "no safety region"
         why = why if run.geometry.unknown is None else "safety region not known"
         axes.text(0.5, 0.5, why, transform=axes.transAxes, ha="center", color=GREY)
         return
-    _pairs(axes, run, run.barriers, "")
+    _pairs(axes, run, run.barriers, run.closest("barrier"), "")
     if run.clearances.size:
         axes.plot(run.time, run.clearances.min(axis=1), color=INK, linewidth=1.2, linestyle="--",
                   label="least with obstacles")  # fmt: skip
@@ -80,9 +80,9 @@ def _inner_radius(corners: Array) -> float:
     return float(np.linalg.norm(corners + share[:, np.newaxis] * edges, axis=1).min())
 
 
-def _pairs(axes: Axes, run: Run, values: Array, unit: str) -> None:
-    """Draw every pair if they are few, their range if they are many, and the least of all."""
-    if not values.size:
+def _pairs(axes: Axes, run: Run, values: Array, closest: Approach | None, unit: str) -> None:
+    """Draw the samples of every pair if they are few, their range if they are many; the least and the closest."""
+    if not values.size or closest is None:
         return
     least = values.min(axis=1)
     if values.shape[1] <= _FEW:
@@ -91,11 +91,10 @@ def _pairs(axes: Axes, run: Run, values: Array, unit: str) -> None:
     else:
         axes.fill_between(run.time, least, values.max(axis=1), color=GREY, alpha=0.2, linewidth=0, label="all pairs")
     axes.plot(run.time, least, color=BLUE, linewidth=2, label="least of all pairs")
-    lowest = int(least.argmin())
-    place, side = (run.time[lowest], least[lowest]), ("left", "center", "right")[3 * lowest // len(least)]
+    place, side = (closest.time, closest.value), side_of(closest, run)
     axes.plot(*place, "o", color=BLUE, markersize=5)
     axes.annotate(
-        f"{place[1]:.3f}{unit} at {place[0]:.1f} s", place, xytext=(0, 26), textcoords="offset points", ha=side,
+        named(closest, unit), place, xytext=(0, 26), textcoords="offset points", ha=side,
         color=BLUE, arrowprops={"arrowstyle": "-", "color": BLUE, "lw": 0.8},
         bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1},
     )  # fmt: skip

@@ -11,7 +11,7 @@ from matplotlib.patches import Patch, Polygon, Rectangle
 
 from agentd.figures.style import GREY, INK, RED, agent_style, flies, heading
 from dcf_zenoh.plant import Array
-from dcf_zenoh.records.run import Run
+from dcf_zenoh.records.run import Approach, Run
 
 _COLUMNS = 3
 _OBSTACLE: Any = {"facecolor": "#dddddd", "edgecolor": GREY, "hatch": "///", "linewidth": 0.9}
@@ -54,7 +54,7 @@ def limits(run: Run) -> tuple[Array, Array]:
 
 def draw_paths(axes: Axes, run: Run, title: str) -> None:
     """Draw one run: the paths, and the safety regions at the closest approach, which is added to `title`."""
-    instant, regions = _closest(run), _regions(run)
+    closest, regions = run.closest(), _regions(run)
     for corners in run.geometry.obstacles:
         axes.add_patch(Polygon(corners, **_OBSTACLE, zorder=1))
     if run.fleet.arena is not None and len(run.fleet.arena.min) > 1:
@@ -71,8 +71,8 @@ def draw_paths(axes: Axes, run: Run, title: str) -> None:
         axes.plot(*path[-1, :2], "o", markersize=13, markerfacecolor="none", markeredgewidth=1.6,
                   markeredgecolor=style["color"], zorder=4)  # fmt: skip
         _name(axes, agent, path, style["color"])
-        if instant is not None:
-            axes.plot(*path[instant, :2], "o", color=style["color"], markersize=4.5, zorder=5)
+        if closest is not None:
+            axes.plot(*_place(run, agent, closest)[:2], "o", color=style["color"], markersize=4.5, zorder=5)
         if agent in regions:
             corners = regions[agent]
             axes.add_patch(Polygon(corners, closed=True, facecolor=style["color"], alpha=0.08, zorder=1))
@@ -82,31 +82,26 @@ def draw_paths(axes: Axes, run: Run, title: str) -> None:
     axes.set_aspect("equal")
     axes.tick_params(labelbottom=True)  # also above an empty panel of the last row
     axes.set_xlabel("x in m")
-    if instant is not None:
-        what, value, unit = _least(run, instant)
-        title += f"\nclosest at {run.time[instant]:.1f} s: {what} {value:.3f}{unit}"
+    if closest is not None:
+        what, unit = ("least barrier h =", "") if closest.quantity == "barrier" else ("least distance", " m")
+        title += f"\nclosest at {closest.time:.1f} s: {what} {closest.value:.3f}{unit}"
+        title += "" if closest.between else ", at the samples"
     axes.set_title(title)
 
 
-def _closest(run: Run) -> int | None:
-    """Return the step with the least barrier value, or the least distance where there is no safety region."""
-    gaps = run.barriers if run.barriers.size else run.distances
-    return int(gaps.min(axis=1).argmin()) if gaps.size else None
+def _place(run: Run, agent: int, closest: Approach) -> Array:
+    """Return the position of an agent at the closest approach, shape (d,), m."""
+    place: Array = run.motions[agent].at(np.array([closest.time]))[0]
+    return place
 
 
 def _regions(run: Run) -> dict[int, Array]:
     """Return agent -> corners of its safety region at the closest approach, shape (corners, 2), m, if known."""
-    instant = _closest(run)
-    if instant is None:
+    closest = run.closest()
+    if closest is None:
         return {}
-    found = {i: run.geometry.outline(i, log.path[instant]) for i, log in run.agents.items() if flies(log)}
+    found = {i: run.geometry.outline(i, _place(run, i, closest)) for i, log in run.agents.items() if flies(log)}
     return {i: corners for i, corners in found.items() if corners is not None}
-
-
-def _least(run: Run, instant: int) -> tuple[str, float, str]:
-    if run.barriers.size:
-        return "least barrier h =", float(run.barriers[instant].min()), ""
-    return "least distance", float(run.distances[instant].min()), " m"
 
 
 def _name(axes: Axes, agent: int, path: Array, colour: str) -> None:

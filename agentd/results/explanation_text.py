@@ -25,12 +25,14 @@ def why_lines(run: Run, found: Explanation) -> Iterator[str]:
     sample_time = run.fleet.time.sample_time
     one, other = found.pair
     yield f"{run.fleet.name}, {run.name}: {run.fleet.topology.kind} topology, {run.fleet.time.clock} clock"
+    sample = f"at step {found.step} ({found.step * sample_time:.1f} s)"
+    place = f"at {found.closest.time:.2f} s; at the samples {_value(found, found.value)} {sample}"
     yield (
-        f"Closest approach: {_value(found, found.value)} between agents {one} and {other}"
-        f" at step {found.step} ({found.step * sample_time:.1f} s)."
+        f"Closest approach: {_value(found, found.closest.value)} between agents {one} and {other}"
+        f" {place if found.closest.between else f'{sample}, at the samples'}."
     )
     if found.quantity == "barrier":
-        kept = "kept" if found.value >= 0 else "violated: each was in the other's safety region"
+        kept = "kept" if found.closest.value >= 0 else "violated: each was in the other's safety region"
         yield f"The barrier h >= 0 was {kept}."
     elif run.geometry.unknown is not None:
         yield f"Safety regions were left out: {run.geometry.unknown}."

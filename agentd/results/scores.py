@@ -14,10 +14,13 @@ from dcf_zenoh.errors import RecordingError
 from dcf_zenoh.records.run import Run
 
 MEASURED = (
-    "clock", "arrival_time", "overshoot", "min_distance", "min_barrier", "min_clearance", "intrusions",
-    "intrusion_time", "tracking_error", "rounds_median", "rounds_max", "negotiation_median_ms", "negotiation_max_ms",
-    "deadline_misses", "agent_steps", "digest",
+    "clock", "arrival_time", "overshoot", "min_distance", "min_barrier", "min_clearance", "between_samples",
+    "intrusions", "intrusion_time", "tracking_error", "rounds_median", "rounds_max", "negotiation_median_ms",
+    "negotiation_max_ms", "deadline_misses", "agent_steps", "digest",
 )  # fmt: skip
+
+
+_CLOSEST = ("min_distance", "min_barrier")
 
 
 def scores(run: Run | None) -> dict[str, Any]:
@@ -32,6 +35,7 @@ def scores(run: Run | None) -> dict[str, Any]:
         summary["min_distance"],
         summary["min_barrier"],
         summary["min_clearance"],
+        summary["between_samples"],
         None if inside is None else inside.number,
         None if inside is None else inside.time,
         tracking_error(run),
@@ -48,6 +52,8 @@ def scores(run: Run | None) -> dict[str, Any]:
 
 def scores_table(title: str, rows: Sequence[Mapping[str, Any]]) -> Table:
     """Return a table of `scores`, whose rows also have 'variant' and 'failed' (the reason, or None)."""
+    if any(row["between_samples"] is False and row["min_distance"] is not None for row in rows):
+        title += " (*: at the samples)"
     table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
     heads = (
         "variant", "arrived\nat, s", "over-\nshoot, m", "closest\nm", "least\nh", "h < 0\ntimes", "\ns",
@@ -77,6 +83,8 @@ def _cells(row: Mapping[str, Any]) -> list[str]:
     }
     arrived = "not all" if row["arrival_time"] is None else f"{row['arrival_time']:.1f}"
     numbers = ["" if row[name] is None else format(row[name], form) for name, form in forms.items()]
+    if row["between_samples"] is False and row["min_distance"] is not None:
+        numbers = [f"{text}*" if name in _CLOSEST and text else text for name, text in zip(forms, numbers, strict=True)]
     return [row["variant"], arrived, *numbers, f"{row['deadline_misses']} of {row['agent_steps']}"]
 
 

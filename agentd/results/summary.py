@@ -43,7 +43,7 @@ def _rows(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
         arrived = f"all, at {summary['arrival_time']:.1f} s" if summary["arrived"] else "not all"
         rows += [("arrived", arrived), ("closest", _closest(summary))]
     rows += [
-        ("steps", f"{summary['steps']} of all agents, {agent_steps} agent-steps"),
+        ("steps", _steps(summary, agent_steps)),
         (
             "deadlines missed",
             f"{summary['deadline_misses']} of {agent_steps}{_share(summary['deadline_misses'], agent_steps)}",
@@ -81,7 +81,13 @@ def _closest(summary: Mapping[str, Any]) -> str:
     safety = "" if barrier is None else f", least barrier {barrier:.3f}"
     clearance = summary["min_clearance"]
     obstacles = "" if clearance is None else f", with obstacles {clearance:.3f}"
-    return f"{distance:.3f} m{safety}{obstacles}"
+    samples = "" if summary["between_samples"] else "; at the samples"
+    return f"{distance:.3f} m{safety}{obstacles}{samples}"
+
+
+def _steps(summary: Mapping[str, Any], agent_steps: int) -> str:
+    steps, common = summary["steps"], summary["steps_of_all"]
+    return f"{steps}{' of all agents' if steps == common else f', {common} of all agents'}, {agent_steps} agent-steps"
 
 
 def _share(part: int, whole: int) -> str:

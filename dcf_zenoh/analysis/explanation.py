@@ -18,7 +18,7 @@ from dcf_zenoh.graph import Graph
 from dcf_zenoh.plant import Array
 from dcf_zenoh.plugins import load
 from dcf_zenoh.records.agent_log import AgentLog
-from dcf_zenoh.records.run import Run
+from dcf_zenoh.records.run import Approach, Run
 from dcf_zenoh.spec import FaultRule, Switch, nanoseconds
 
 WINDOW = 2  # steps before the closest approach that are examined
@@ -140,7 +140,8 @@ class Explanation:
 
     Attributes:
         quantity: 'barrier', or 'distance' (m) where the problem has no safety region.
-        step: Control step of the closest approach.
+        closest: The closest approach, between the samples too if the paths of the bodies are known.
+        step: Control step at whose begin the two were closest: replays are compared with this sample.
         pair: The two agents.
         value: Barrier or distance of the pair in that step.
         path: Shortest paths between the two agents, there and back; of two agents each if they are neighbours.
@@ -150,6 +151,7 @@ class Explanation:
     """
 
     quantity: str
+    closest: Approach
     step: int
     pair: tuple[int, int]
     value: float
@@ -181,12 +183,15 @@ def explain(run: Run, changes: Iterable[FaultRule] = ()) -> Explanation:
         changes: Fault rules of operators during the run, in order; they override those of its fleet file.
 
     Raises:
-        RecordingError: Nothing moves in the run, it has fewer than two agents, or no step that all have recorded.
+        RecordingError: Nothing moves in the run, it has fewer than two agents, or no recorded step.
         DcfError: The replay fails.
     """
     values = _values(run)
-    step, place = map(int, np.unravel_index(values.argmin(), values.shape))
-    pair = list(combinations(run.agents, 2))[place]
+    closest = run.closest()
+    assert closest is not None  # there are values
+    pair = (closest.agents[0], closest.agents[1])
+    place = list(combinations(run.agents, 2)).index(pair)
+    step = int(np.nanargmin(values[:, place]))
     graph = graph_of(LoadedFleet(run.fleet, run.home, run.name))
     path = _path(graph, *pair), _path(graph, *reversed(pair))
     health = link_health(run)
@@ -196,7 +201,8 @@ def explain(run: Run, changes: Iterable[FaultRule] = ()) -> Explanation:
         for each in range(step - 1, max(-1, step - 1 - WINDOW), -1)
     )
     found = Explanation(
-        quantity="barrier" if run.barriers.size else "distance",
+        quantity=closest.quantity,
+        closest=closest,
         step=step,
         pair=pair,
         value=float(values[step, place]),
@@ -250,7 +256,7 @@ def _falsifies(kind: str, folder: Path) -> bool:
 def _values(run: Run) -> Array:
     """Return the barrier or distance of every pair at every step, shape (K, pairs)."""
     if not run.steps:
-        raise RecordingError(f"{run.name}: there is nothing to explain: no step that all agents recorded")
+        raise RecordingError(f"{run.name}: there is nothing to explain: no agent has recorded a step")
     if len(run.agents) < 2:
         raise RecordingError(f"{run.name}: there is nothing to explain: no two agents have a log")
     values = run.barriers if run.barriers.size else run.distances

@@ -1,6 +1,5 @@
 """Measures of a run in single numbers, in addition to those of `Run`."""
 
-from itertools import groupby
 from typing import NamedTuple
 
 import numpy as np
@@ -45,14 +44,19 @@ def overshoot(run: Run) -> float | None:
 def intrusions(run: Run) -> Intrusions | None:
     """Return the intervals in which the least barrier value h of all pairs was negative; None without safety regions.
 
-    An interval begins at a sample with h < 0 and ends at the next one with h >= 0. Between samples nothing is known: an
-    interval shorter than a sample time may be missed, and otherwise counts as one sample time.
+    They are the `Run.violations` of pairs, joined where they overlap. For bodies whose path between the samples is not
+    known an interval begins at a sample with h < 0 and ends at the next one with h >= 0; a shorter one may be missed.
     """
     if not run.barriers.size:
         return None
-    inside = run.barriers.min(axis=1) < 0
-    number = sum(within for within, _ in groupby(inside.tolist()))
-    return Intrusions(number, float(inside.sum()) * run.fleet.time.sample_time)
+    joined: list[tuple[float, float]] = []
+    for each in (each for each in run.violations if each.quantity == "barrier"):  # in the order of their begin
+        if joined and each.since <= joined[-1][1]:
+            begin, end = joined.pop()
+            joined.append((begin, max(end, each.since + each.duration)))
+        else:
+            joined.append((each.since, each.since + each.duration))
+    return Intrusions(len(joined), sum(end - begin for begin, end in joined))
 
 
 def tracking_error(run: Run) -> float | None:

@@ -7,14 +7,15 @@ import struct
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import combinations
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
+from dcf_zenoh.analysis.motion import Course, Motion, below_zero, course, replayed
 from dcf_zenoh.config import load
 from dcf_zenoh.configuration.building.geometry import FleetGeometry
 from dcf_zenoh.errors import RecordingError
@@ -24,6 +25,42 @@ from dcf_zenoh.records.log_writer import log_name
 from dcf_zenoh.spec import FleetSpec
 
 log = logging.getLogger(__name__)
+
+
+class Approach(NamedTuple):
+    """Closest approach of a run.
+
+    Attributes:
+        quantity: 'distance', 'barrier' or 'clearance'.
+        agents: The two agents; of a clearance the agent and the number of the obstacle, from 0.
+        value: Least value.
+        time: Fleet time of it, s.
+        between: Whether the path between the samples was taken into account.
+    """
+
+    quantity: str
+    agents: tuple[int, ...]
+    value: float
+    time: float
+    between: bool
+
+
+class Violation(NamedTuple):
+    """Time in which an agent was in the safety region of another, or in an obstacle.
+
+    Attributes:
+        quantity: 'barrier' or 'clearance'.
+        agents: As in `Approach`.
+        since: Begin, fleet time, s.
+        duration: Length, s.
+        value: Least barrier value.
+    """
+
+    quantity: str
+    agents: tuple[int, ...]
+    since: float
+    duration: float
+    value: float
 
 
 @dataclass(frozen=True)
@@ -95,19 +132,114 @@ class Run:
 
     @cached_property
     def steps(self) -> int:
-        """Number of steps that all agents reached."""
+        """Number of steps up to the last that an agent recorded."""
+        return max((int(log.step[-1]) + 1 for log in self.agents.values() if len(log.step)), default=0)
+
+    @cached_property
+    def common_steps(self) -> int:
+        """Number of steps up to the last that all agents reached."""
         return min(int(log.step[-1]) + 1 if len(log.step) else 0 for log in self.agents.values())
 
     @cached_property
     def time(self) -> Array:
-        """Nominal instants t_k of these steps, s, shape (K,)."""
+        """Nominal instants t_k of the steps, s, shape (K,)."""
         return read_only(np.arange(self.steps) * self.fleet.time.sample_time)
 
     @cached_property
     def positions(self) -> Array:
-        """Measured positions, shape (K, N, d), m, in the d dimensions that all agents have; d = 0 without plants."""
-        d = min(log.path.shape[1] for log in self.agents.values())
-        return np.stack([log.path[log.rows(self.steps), :d] for log in self.agents.values()], axis=1)
+        """Measured positions, shape (K, N, d), m, in the d dimensions that all agents have; d = 0 without plants.
+
+        A body stays where its log leaves it: one that has ended, landed or died is still there. One that has recorded
+        no step is at its start in the fleet file. NaN where that is not known either.
+        """
+        return np.stack([self._sampled[i].at(self.time) for i in self.agents], axis=1)
+
+    @cached_property
+    def _sampled(self) -> Mapping[int, Motion]:
+        """Motion of every body from sample to sample."""
+        known = [log.path.shape[1] for log in self.agents.values() if len(log.step)]
+        d = min(known, default=0)
+        return {i: self._samples_of(log, d) for i, log in self.agents.items()}
+
+    def _samples_of(self, log: AgentLog, d: int) -> Motion:
+        if len(log.step):
+            return Motion.samples(log.path[:, :d], log.step, self.fleet.time.sample_time)
+        start = self.fleet.agent(log.agent).start
+        return Motion.resting(np.array(start[:d]) if len(start) >= d else np.full(d, np.nan))
+
+    @cached_property
+    def motions(self) -> Mapping[int, Motion]:
+        """Agent -> motion of its body: the path between the samples where a simulated plant offers it."""
+        found = {}
+        for i, sampled in self._sampled.items():
+            log, d = self.agents[i], sampled.terms.shape[2]
+            path = None
+            if d and len(log.step):
+                path = replayed(log, self.fleet, self.home, d, run_plugins=self.run_plugins)
+            found[i] = path or sampled
+        return found
+
+    @cached_property
+    def courses(self) -> Mapping[str, Mapping[tuple[int, ...], Course]]:
+        """'distance', 'barrier' and 'clearance' -> pair -> its values over all time, between the samples if known.
+
+        The pair of a clearance is an agent and the number of an obstacle. A quantity that the run does not have is
+        empty.
+        """
+        found: dict[str, dict[tuple[int, ...], Course]] = {"distance": {}, "barrier": {}, "clearance": {}}
+        if not self.positions.size:
+            return found
+        samples = np.append(self.time, self.steps * self.fleet.time.sample_time)
+        for pair in combinations(self.agents, 2):
+            one, other = (self.motions[i] for i in pair)
+            found["distance"][pair] = course(one, other, _distance, samples)
+            if self.barriers.size:
+                found["barrier"][pair] = course(one, other, partial(self._barrier, pair), samples)
+        for i in self.agents if self.clearances.size else ():
+            for number, corners in enumerate(self.geometry.obstacles):
+                centre = np.zeros(self.motions[i].terms.shape[2])
+                centre[:2] = corners.mean(axis=0)
+                clearance = partial(self._clearance, i, number)
+                found["clearance"][i, number] = course(self.motions[i], Motion.resting(centre), clearance, samples)
+        return found
+
+    def _barrier(self, pair: tuple[int, int], one: Array, other: Array) -> Array:
+        values = self.geometry.separation(pair, one, other)
+        return np.full(len(one), np.nan) if values is None else values
+
+    def _clearance(self, agent: int, number: int, position: Array, _obstacle: Array) -> Array:
+        values = self.geometry.clearances(agent, position)
+        return np.full(len(position), np.nan) if values is None else values[:, number]
+
+    def closest(self, quantity: str = "") -> Approach | None:
+        """Return the closest approach of all pairs over the whole run; None if the run does not have the quantity.
+
+        Args:
+            quantity: 'distance' (m), 'barrier' or 'clearance'; empty: the barrier value of pairs, or their distance
+                where there is no safety region.
+        """
+        quantity = quantity or ("barrier" if self.courses["barrier"] else "distance")
+        courses = {pair: each for pair, each in self.courses[quantity].items() if np.isfinite(each.values).any()}
+        if not courses:
+            return None
+        pair = min(courses, key=lambda each: float(np.nanmin(courses[each].values)))
+        way = courses[pair]
+        place = int(np.nanargmin(way.values))
+        return Approach(quantity, pair, float(way.values[place]), float(way.times[place]), way.between)
+
+    @cached_property
+    def between_samples(self) -> bool:
+        """Whether the closest approach is that between the samples too, for all bodies."""
+        return all(motion.known for motion in self.motions.values())
+
+    @cached_property
+    def violations(self) -> tuple[Violation, ...]:
+        """Times in which a barrier value was negative, in the order of their begin."""
+        found = []
+        for quantity in ("barrier", "clearance"):
+            for pair, way in self.courses[quantity].items():
+                found += [Violation(quantity, pair, *each) for each in below_zero(way)]
+        return tuple(sorted(found, key=lambda each: (each.since, each.agents)))
 
     @cached_property
     def distances(self) -> Array:
@@ -161,16 +293,18 @@ class Run:
         Where the targets are not in the fleet file, because agents agree on them in flight, the ends of the logs count.
         """
         rule = self.fleet.time.arrived
-        if rule is None or not self.steps:
+        if rule is None or not self.common_steps:
             return None
         if set(self.targets) != set(self.agents):
             ends = [log.end for log in self.agents.values()]
             agreed = [end["time"] * 1e-9 - rule.for_ for end in ends if end is not None and end["end"] == "arrived"]
             return min(agreed) if len(agreed) == len(ends) else None
         goals = np.stack([self.targets[i] for i in self.agents])
-        near = (np.linalg.norm(self.positions[..., : goals.shape[1]] - goals, axis=2) <= rule.within).all(axis=1)
+        near = (
+            np.linalg.norm(self.positions[: self.common_steps, :, : goals.shape[1]] - goals, axis=2) <= rule.within
+        ).all(axis=1)
         since = None
-        for instant, close in zip(self.time, near, strict=True):
+        for instant, close in zip(self.time[: self.common_steps], near, strict=True):
             since = (instant if since is None else since) if close else None
             if since is not None and instant - since >= rule.for_ - 1e-9:
                 return float(since)
@@ -203,6 +337,10 @@ class Run:
         """Whether every agent recorded its end."""
         return len(self.agents) == len(self.fleet.agents) and all(log.end for log in self.agents.values())
 
+    def _least(self, quantity: str) -> float | None:
+        found = self.closest(quantity)
+        return None if found is None else found.value
+
     def summary(self) -> dict[str, Any]:
         """Return the run in single numbers, as ``--json`` prints it."""
         logs = self.agents.values()
@@ -225,11 +363,13 @@ class Run:
             "topology": self.fleet.topology.kind,
             "agents": len(self.fleet.agents),
             "steps": self.steps,
+            "steps_of_all": self.common_steps,
             "arrived": self.arrival_time is not None,
             "arrival_time": self.arrival_time,
-            "min_barrier": float(self.barriers.min()) if self.barriers.size else None,
-            "min_clearance": float(self.clearances.min()) if self.clearances.size else None,
-            "min_distance": float(self.distances.min()) if self.distances.size else None,
+            "min_barrier": self._least("barrier"),
+            "min_clearance": self._least("clearance"),
+            "min_distance": self._least("distance"),
+            "between_samples": self.between_samples,
             "rounds_per_step": spread_of(np.concatenate([log.rounds for log in logs])),
             "compute_ms": spread_of(np.concatenate([log.compute for log in logs]) * 1e3),
             "negotiation_ms": spread_of(np.concatenate([log.negotiation for log in logs]) * 1e3),
@@ -249,6 +389,11 @@ class Run:
             "notes": dict(sorted(notes.items())),
             "digest": self.digest,
         }
+
+
+def _distance(one: Array, other: Array) -> Array:
+    gaps: Array = np.linalg.norm(one - other, axis=1)
+    return gaps
 
 
 def _columns(rows: int, columns: Sequence[Array | None]) -> Array:

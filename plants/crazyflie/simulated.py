@@ -1,11 +1,11 @@
 """Simulated Crazyflie as a plant."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, ClassVar, Literal
 
 import numpy as np
 
-from dcf_zenoh.plant import Array, Plant, Setpoint, State, read_only
+from dcf_zenoh.plant import Array, Piece, Plant, Setpoint, State, read_only
 from plants.crazyflie.model.vehicle import read
 from plants.crazyflie.options import FlightOptions, check_height, check_reference
 from plants.sensing import LIGHTHOUSE
@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from plants.crazyflie.model.twin import Twin
 
 TICK = 1_000_000  # ns
+_PIECE = 10  # ticks of a piece of the path: a period of the position loop
 
 
 class Crazyflie(Plant):
@@ -117,6 +118,16 @@ class Crazyflie(Plant):
         estimate = twin.estimate
         return State(read_only(estimate[:3] + estimate[3:] * since), read_only(estimate[3:]))
 
+    def path(self, until: int) -> Iterator[Piece]:
+        """Yield the true path up to `until`: parabolas that meet it every 10 ms. The last ends at a whole tick."""
+        twin = self._advance(self._now)
+        while (ticks := min(_PIECE, (until - self._began) // TICK - twin.tick)) > 0:
+            begin, state = self._began + twin.tick * TICK, _true_state(twin)
+            end = begin + ticks * TICK
+            self._advance(end)
+            yield Piece.between(begin, state, end, twin.state[:3].copy())
+        self._advance(until)
+
     def act(self, setpoint: Setpoint, now: int) -> None:
         """Follow the setpoint's acceleration through the reference; without one, brake and hover.
 
@@ -182,6 +193,10 @@ class Crazyflie(Plant):
         self._now = max(self._now, now)
         twin.run(max(0, (self._now - self._began) // TICK - twin.tick))
         return twin
+
+
+def _true_state(twin: "Twin") -> State:
+    return State(read_only(twin.state[:3]), read_only(twin.state[7:10]))
 
 
 def _check_size(size: int) -> None:

@@ -20,8 +20,8 @@ def test_loss_is_told_with_step_pair_rounds_and_what_would_have_been(tmp_path: P
     lines = text(run).splitlines()
     i, j = found.pair
     assert lines[1] == (
-        f"Closest approach: h = {found.value:.3f} between agents {i} and {j} at step {found.step}"
-        f" ({found.step * 0.2:.1f} s)."
+        f"Closest approach: h = {found.closest.value:.3f} between agents {i} and {j} at {found.closest.time:.2f} s;"
+        f" at the samples h = {found.value:.3f} at step {found.step} ({found.step * 0.2:.1f} s)."
     )
     (there,) = (line for line in lines[:8] if line.startswith(f"  {i} → {j}: "))
     assert re.search(r"\d+ of \d+ messages lost: \d+ by 'loss' \(rounds? \d", there)

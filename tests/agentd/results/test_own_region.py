@@ -47,15 +47,27 @@ def corners(patch: Polygon) -> Array:
 
 
 def least(run: Run) -> tuple[int, float]:
-    """Step and barrier value of the closest approach of agents 1 and 2, by the ellipse's equation."""
+    """Step and barrier value of agents 1 and 2 where they are closest at the samples, by the ellipse's equation."""
     h = ellipse(run.positions[:, 0] - run.positions[:, 1])
     return int(h.argmin()), float(h.min())
+
+
+def between(run: Run) -> tuple[float, float, float]:
+    """Instant and barrier value of the closest approach of agents 1 and 2, and their least distance, every 0.1 ms."""
+    times = np.linspace(0.0, run.steps * 0.2, round(run.steps * 2000) + 1)
+    apart = run.motions[1].at(times) - run.motions[2].at(times)
+    h = ellipse(apart)
+    return float(times[h.argmin()]), float(h.min()), float(np.linalg.norm(apart, axis=1).min())
 
 
 def test_why_explains_the_barrier_of_the_problem(recorded: Run) -> None:
     step, h = least(recorded)
     lines = list(why_lines(recorded, explain(recorded)))
-    assert lines[1] == f"Closest approach: h = {h:.3f} between agents 1 and 2 at step {step} ({step * 0.2:.1f} s)."
+    instant, value, _ = between(recorded)
+    assert lines[1] == (
+        f"Closest approach: h = {value:.3f} between agents 1 and 2 at {instant:.2f} s;"
+        f" at the samples h = {h:.3f} at step {step} ({step * 0.2:.1f} s)."
+    )
     assert lines[2] == "The barrier h >= 0 was violated: each was in the other's safety region."
     before = ellipse(recorded.positions[step - 1, 0] - recorded.positions[step - 1, 1])
     assert f"Step {step - 1} ({(step - 1) * 0.2:.1f} s), began at h = {before:.3f}:" in lines
@@ -67,7 +79,7 @@ def test_why_tells_distances_where_the_region_is_not_known(recorded: Run) -> Non
     assert recorded.folder is not None
     run = Run.read(recorded.folder, run_plugins=False)
     lines = list(why_lines(run, explain(run)))
-    assert lines[1].startswith(f"Closest approach: distance {run.distances.min():.3f} m between agents 1 and 2")
+    assert lines[1].startswith(f"Closest approach: distance {between(run)[2]:.3f} m between agents 1 and 2")
     assert lines[2] == (
         "Safety regions were left out: the geometry of the problem is not known:"
         " ./plugins/own_region.py:Ellipse was not run."
@@ -77,23 +89,24 @@ def test_why_tells_distances_where_the_region_is_not_known(recorded: Run) -> Non
 def test_the_summary_has_barrier_and_clearance(recorded: Run) -> None:
     table = summary_table(recorded.summary())
     rows = dict(zip(*(list(column.cells) for column in table.columns), strict=True))
-    clearance = float(circle(recorded.positions).min())
+    times = np.linspace(0.0, recorded.steps * 0.2, 20_001)
+    clearance = min(float(circle(motion.at(times)).min()) for motion in recorded.motions.values())
     assert rows["closest"] == (
-        f"{recorded.distances.min():.3f} m, least barrier {least(recorded)[1]:.3f}, with obstacles {clearance:.3f}"
+        f"{between(recorded)[2]:.3f} m, least barrier {between(recorded)[1]:.3f}, with obstacles {clearance:.3f}"
     )
 
 
 def test_the_region_is_drawn_where_h_is_zero(recorded: Run) -> None:
     figure = draw("trajectories", recorded)
     (axes,) = figure.axes
-    step, h = least(recorded)
-    assert axes.get_title().endswith(f"closest at {step * 0.2:.1f} s: least barrier h = {h:.3f}")
+    instant, h, _ = between(recorded)
+    assert axes.get_title().endswith(f"closest at {instant:.1f} s: least barrier h = {h:.3f}")
     polygons = [patch for patch in axes.patches if isinstance(patch, Polygon)]
     (obstacle,) = (patch for patch in polygons if patch.get_hatch())
     np.testing.assert_allclose(circle(corners(obstacle)), 0.0, atol=1e-12)
     regions = [patch for patch in polygons if not patch.get_fill()]
-    for region, position in zip(regions, recorded.positions[step], strict=True):
-        np.testing.assert_allclose(ellipse(corners(region) - position), 0.0, atol=1e-12)
+    for region, motion in zip(regions, recorded.motions.values(), strict=True):
+        np.testing.assert_allclose(ellipse(corners(region) - motion.at(np.array([instant]))), 0.0, atol=0.01)
     assert {"safety region, closest instant", "obstacle"} <= set(key(figure))
 
 

@@ -150,10 +150,13 @@ def test_paths_are_drawn_as_they_were_recorded(swap: Run) -> None:
 
 def test_safety_regions_are_drawn_around_the_positions_of_the_closest_instant(swap: Run) -> None:
     (axes,) = draw("trajectories", swap).axes
-    instant = int(swap.barriers.min(axis=1).argmin())
+    closest = swap.closest("barrier")
+    assert closest is not None
     outlines = [patch for patch in axes.patches if isinstance(patch, Polygon) and not patch.get_fill()]
     centres = [outline.get_xy()[:4].mean(axis=0) for outline in outlines]
-    np.testing.assert_allclose(centres, swap.positions[instant], atol=1e-12)
+    np.testing.assert_allclose(
+        centres, [motion.at(np.array([closest.time]))[0] for motion in swap.motions.values()], atol=1e-12
+    )
 
 
 def test_runs_side_by_side_have_a_panel_each(swap: Run) -> None:
@@ -208,8 +211,8 @@ def test_separation_shows_least_values_danger_and_rounds(swap: Run) -> None:
     assert distance.get_ylabel() == "distance in m"
     assert barrier.get_ylabel() == "barrier h"
     assert (rounds.get_xlabel(), rounds.get_ylabel()) == ("time in s", "rounds per step")
-    assert f"{swap.distances.min():.3f} m at" in texts(distance)
-    assert f"{swap.barriers.min():.3f} at" in texts(barrier)
+    assert f"{swap.summary()['min_distance']:.3f} m at" in texts(distance)
+    assert f"{swap.summary()['min_barrier']:.3f} at" in texts(barrier)
     assert "in the safety region,\nh < 0" in legend(barrier)
     assert barrier.get_ylim()[0] < 0
     assert legend(rounds) == ["all agents"]
@@ -257,8 +260,9 @@ def test_a_log_that_breaks_off_is_drawn_as_far_as_it_goes_and_named(tmp_path: Pa
     path = tmp_path / "run" / log_name(3)
     path.write_bytes(path.read_bytes()[:-700])
     run = Run.read(tmp_path / "run")
-    assert 0 < run.steps < 10
-    assert f"incomplete: agent 3 cut off after step {run.steps - 1}" in draw("separation", run).axes[0].get_title()
+    assert 0 < run.common_steps < run.steps == 10
+    title = draw("separation", run).axes[0].get_title()
+    assert f"incomplete: agent 3 cut off after step {run.common_steps - 1}" in title
     assert write_report([run], tmp_path / "report")
 
 
@@ -297,7 +301,7 @@ def test_the_summary_counts_misses_and_how_steps_ended(swap: Run) -> None:
     text = show(changed(swap, 1, late=late, stopped_by=("budget", "rounds", "abstained", *log.stopped_by[3:])))
     assert "1 of 60 (1.7 %)" in text
     assert "57 by agreement, 1 out of rounds, 1 out of time, 1 abstained" in text
-    assert f"{swap.distances.min():.3f} m, least barrier {swap.barriers.min():.3f}" in text
+    assert f"{swap.summary()['min_distance']:.3f} m, least barrier {swap.summary()['min_barrier']:.3f}" in text
     assert "not all" in text
     assert "model time" in text
 
@@ -346,7 +350,7 @@ def test_losses_over_time_stand_above_the_least_barrier_with_what_was_wrong_shad
     assert least.get_xlabel() == "time in s"
     assert legend(share)[:2] == ["worst link", "lost, all links"]
     assert {text.get_text() for text in share.texts} >= {"partition", "agent 2 absent"}
-    assert f"{lossy_run.barriers.min():.3f} at" in texts(least)
+    assert f"{lossy_run.summary()['min_barrier']:.3f} at" in texts(least)
     (worst,) = (line for line in share.lines if line.get_label() == "worst link")
     heights = np.asarray(worst.get_ydata())
     assert heights[2] == heights[3] == 100.0
