@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from agentd.figures.style import BLUE, GREEN, GREY, INK, ORANGE, RED, flies, heading, named, side_of
 from dcf_zenoh.plant import Array
-from dcf_zenoh.records.run import Approach, Run
+from dcf_zenoh.records.run import ClosestApproach, Run
 
 _FEW = 15  # pairs up to which each is drawn
 
@@ -80,7 +80,7 @@ def _inner_radius(corners: Array) -> float:
     return float(np.linalg.norm(corners + share[:, np.newaxis] * edges, axis=1).min())
 
 
-def _pairs(axes: Axes, run: Run, values: Array, closest: Approach | None, unit: str) -> None:
+def _pairs(axes: Axes, run: Run, values: Array, closest: ClosestApproach | None, unit: str) -> None:
     """Draw the samples of every pair if they are few, their range if they are many; the least and the closest."""
     if not values.size or closest is None:
         return

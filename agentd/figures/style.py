@@ -5,7 +5,7 @@ from typing import Any
 
 from dcf_zenoh.message import Last
 from dcf_zenoh.records.agent_log import AgentLog
-from dcf_zenoh.records.run import Approach, Run
+from dcf_zenoh.records.run import ClosestApproach, Run
 
 STYLE: Any = {  # typed as Any, because the type of matplotlib lists every possible key
     "axes.axisbelow": True,
@@ -70,13 +70,13 @@ def _early(run: Run) -> list[str]:
     return found
 
 
-def named(closest: Approach, unit: str) -> str:
+def named(closest: ClosestApproach, unit: str) -> str:
     """Return value and instant of a closest approach, as text."""
     text = f"{closest.value:.3f}{unit} at {closest.time:.1f} s"
     return text if closest.between else f"{text}, at the samples"
 
 
-def side_of(closest: Approach, run: Run) -> str:
+def side_of(closest: ClosestApproach, run: Run) -> str:
     """Return on which side of its text the instant of a closest approach is: left, center or right."""
     share = closest.time / (run.steps * run.fleet.time.sample_time)
     return ("left", "center", "right")[min(int(3 * share), 2)]

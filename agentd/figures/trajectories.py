@@ -11,7 +11,7 @@ from matplotlib.patches import Patch, Polygon, Rectangle
 
 from agentd.figures.style import GREY, INK, RED, agent_style, flies, heading
 from dcf_zenoh.plant import Array
-from dcf_zenoh.records.run import Approach, Run
+from dcf_zenoh.records.run import ClosestApproach, Run
 
 _COLUMNS = 3
 _OBSTACLE: Any = {"facecolor": "#dddddd", "edgecolor": GREY, "hatch": "///", "linewidth": 0.9}
@@ -89,7 +89,7 @@ def draw_paths(axes: Axes, run: Run, title: str) -> None:
     axes.set_title(title)
 
 
-def _place(run: Run, agent: int, closest: Approach) -> Array:
+def _place(run: Run, agent: int, closest: ClosestApproach) -> Array:
     """Return the position of an agent at the closest approach, shape (d,), m."""
     place: Array = run.motions[agent].at(np.array([closest.time]))[0]
     return place

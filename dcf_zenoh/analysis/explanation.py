@@ -18,7 +18,7 @@ from dcf_zenoh.graph import Graph
 from dcf_zenoh.plant import Array
 from dcf_zenoh.plugins import load
 from dcf_zenoh.records.agent_log import AgentLog
-from dcf_zenoh.records.run import Approach, Run
+from dcf_zenoh.records.run import ClosestApproach, Run
 from dcf_zenoh.spec import FaultRule, Switch, nanoseconds
 
 WINDOW = 2  # steps before the closest approach that are examined
@@ -151,7 +151,7 @@ class Explanation:
     """
 
     quantity: str
-    closest: Approach
+    closest: ClosestApproach
     step: int
     pair: tuple[int, int]
     value: float

@@ -25,7 +25,7 @@ _PARTS = 8  # parts of a smooth stretch, each taken for a parabola: exact for |d
 
 
 @dataclass(frozen=True)
-class Motion:
+class BodyMotion:
     """Position of one body over time, in pieces of constant acceleration. It rests before the first and after the last.
 
     Attributes:
@@ -47,7 +47,7 @@ class Motion:
         return result
 
     @classmethod
-    def samples(cls, path: Array, steps: npt.NDArray[np.int64], sample_time: float) -> "Motion":
+    def samples(cls, path: Array, steps: npt.NDArray[np.int64], sample_time: float) -> "BodyMotion":
         """Return the motion that jumps from sample to sample.
 
         Samples count as taken when their steps begin, so those of all agents are compared at the same instants.
@@ -63,7 +63,7 @@ class Motion:
         return cls(times, terms, known=False)
 
     @classmethod
-    def resting(cls, position: Array) -> "Motion":
+    def resting(cls, position: Array) -> "BodyMotion":
         """Return the motion of a body that stays at a position, shape (d,)."""
         terms = np.zeros((1, 3, len(position)))
         terms[0, 0] = position
@@ -84,7 +84,7 @@ class Course(NamedTuple):
     between: bool
 
 
-def course(one: Motion, other: Motion, measure: Measure, samples: Array) -> Course:
+def course(one: BodyMotion, other: BodyMotion, measure: Measure, samples: Array) -> Course:
     """Return the values of a measure on the way of two bodies.
 
     Between the samples the relative path is a parabola in each of its pieces. These are split where a relative
@@ -142,7 +142,7 @@ def _zero(way: Course, place: int) -> float:
     return float(way.times[place] + (way.times[place + 1] - way.times[place]) * one / (one - other))
 
 
-def _crossings(one: Motion, other: Motion, times: Array) -> Array:
+def _crossings(one: BodyMotion, other: BodyMotion, times: Array) -> Array:
     """Return the instants between `times` at which a coordinate of one body passes that of the other, s."""
     begin, length = times[:-1], np.diff(times)
     first, middle, last = (one.at(t) - other.at(t) for t in (begin, begin + length / 2, _before(times[1:])))
@@ -174,7 +174,7 @@ def _vertices(times: Array, values: Array, low: npt.NDArray[np.int64]) -> Array:
     return found
 
 
-def replayed(log_: AgentLog, spec: FleetSpec, folder: Path, d: int, *, run_plugins: bool) -> Motion | None:
+def replayed(log_: AgentLog, spec: FleetSpec, folder: Path, d: int, *, run_plugins: bool) -> BodyMotion | None:
     """Return the path of an agent's body, in the first `d` dimensions, from its setpoints on a fresh plant.
 
     None if the plant does not offer it (`KnownPath`), its code must not be run, the daemon was started more than once,
@@ -193,7 +193,7 @@ def replayed(log_: AgentLog, spec: FleetSpec, folder: Path, d: int, *, run_plugi
         return None
 
 
-def _replay(log_: AgentLog, plant: Plant, d: int) -> Motion | None:
+def _replay(log_: AgentLog, plant: Plant, d: int) -> BodyMotion | None:
     """Return the path of a fresh plant under the recorded setpoints; None if it misses the recorded states."""
     if not isinstance(plant, KnownPath):
         return None
@@ -213,12 +213,12 @@ def _replay(log_: AgentLog, plant: Plant, d: int) -> Motion | None:
     still = np.zeros((1, 3, d))
     if not pieces:
         still[0, 0] = state.position[:d]
-        return Motion(np.zeros(1), still, known=True)
+        return BodyMotion(np.zeros(1), still, known=True)
     duration = now * 1e-9 - pieces[-1].begin * 1e-9
     position, velocity, acceleration = path[-1]
     still[0, 0] = position + (velocity + acceleration * duration / 2) * duration
     times = [each.begin * 1e-9 for each in pieces]
-    return Motion(read_only([*times, now * 1e-9]), np.concatenate((path, still)), known=True)
+    return BodyMotion(read_only([*times, now * 1e-9]), np.concatenate((path, still)), known=True)
 
 
 def _timeline(

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from dcf_zenoh.analysis.motion import Course, Motion, below_zero, course, replayed
+from dcf_zenoh.analysis.motion import BodyMotion, Course, below_zero, course, replayed
 from dcf_zenoh.config import load
 from dcf_zenoh.configuration.building.geometry import FleetGeometry
 from dcf_zenoh.errors import RecordingError
@@ -27,7 +27,7 @@ from dcf_zenoh.spec import FleetSpec
 log = logging.getLogger(__name__)
 
 
-class Approach(NamedTuple):
+class ClosestApproach(NamedTuple):
     """Closest approach of a run.
 
     Attributes:
@@ -50,7 +50,7 @@ class Violation(NamedTuple):
 
     Attributes:
         quantity: 'barrier' or 'clearance'.
-        agents: As in `Approach`.
+        agents: As in `ClosestApproach`.
         since: Begin, fleet time, s.
         duration: Length, s.
         value: Least barrier value.
@@ -155,20 +155,20 @@ class Run:
         return np.stack([self._sampled[i].at(self.time) for i in self.agents], axis=1)
 
     @cached_property
-    def _sampled(self) -> Mapping[int, Motion]:
+    def _sampled(self) -> Mapping[int, BodyMotion]:
         """Motion of every body from sample to sample."""
         known = [log.path.shape[1] for log in self.agents.values() if len(log.step)]
         d = min(known, default=0)
         return {i: self._samples_of(log, d) for i, log in self.agents.items()}
 
-    def _samples_of(self, log: AgentLog, d: int) -> Motion:
+    def _samples_of(self, log: AgentLog, d: int) -> BodyMotion:
         if len(log.step):
-            return Motion.samples(log.path[:, :d], log.step, self.fleet.time.sample_time)
+            return BodyMotion.samples(log.path[:, :d], log.step, self.fleet.time.sample_time)
         start = self.fleet.agent(log.agent).start
-        return Motion.resting(np.array(start[:d]) if len(start) >= d else np.full(d, np.nan))
+        return BodyMotion.resting(np.array(start[:d]) if len(start) >= d else np.full(d, np.nan))
 
     @cached_property
-    def motions(self) -> Mapping[int, Motion]:
+    def motions(self) -> Mapping[int, BodyMotion]:
         """Agent -> motion of its body: the path between the samples where a simulated plant offers it."""
         found = {}
         for i, sampled in self._sampled.items():
@@ -200,7 +200,7 @@ class Run:
                 centre = np.zeros(self.motions[i].terms.shape[2])
                 centre[:2] = corners.mean(axis=0)
                 clearance = partial(self._clearance, i, number)
-                found["clearance"][i, number] = course(self.motions[i], Motion.resting(centre), clearance, samples)
+                found["clearance"][i, number] = course(self.motions[i], BodyMotion.resting(centre), clearance, samples)
         return found
 
     def _barrier(self, pair: tuple[int, int], one: Array, other: Array) -> Array:
@@ -211,7 +211,7 @@ class Run:
         values = self.geometry.clearances(agent, position)
         return np.full(len(position), np.nan) if values is None else values[:, number]
 
-    def closest(self, quantity: str = "") -> Approach | None:
+    def closest(self, quantity: str = "") -> ClosestApproach | None:
         """Return the closest approach of all pairs over the whole run; None if the run does not have the quantity.
 
         Args:
@@ -225,7 +225,7 @@ class Run:
         pair = min(courses, key=lambda each: float(np.nanmin(courses[each].values)))
         way = courses[pair]
         place = int(np.nanargmin(way.values))
-        return Approach(quantity, pair, float(way.values[place]), float(way.times[place]), way.between)
+        return ClosestApproach(quantity, pair, float(way.values[place]), float(way.times[place]), way.between)
 
     @cached_property
     def between_samples(self) -> bool:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize_scalar
 
-from dcf_zenoh.analysis.motion import Motion, below_zero, course
+from dcf_zenoh.analysis.motion import BodyMotion, below_zero, course
 from dcf_zenoh.plant import Array, KnownPath, Piece, Setpoint
 from plants.point_mass import PointMass
 from plants.single_integrator import SingleIntegrator
@@ -23,7 +23,7 @@ def diamond(one: Array, other: Array) -> Array:
     return h
 
 
-def parabolas(seed: int) -> tuple[Motion, Motion]:
+def parabolas(seed: int) -> tuple[BodyMotion, BodyMotion]:
     """Two bodies, each with four pieces of constant acceleration that meet in position and velocity."""
     rng = np.random.default_rng(seed)
     found = []
@@ -36,7 +36,7 @@ def parabolas(seed: int) -> tuple[Motion, Motion]:
             piece[:] = position, velocity, acceleration
             position = position + velocity * 0.2 + acceleration * 0.02
             velocity = velocity + acceleration * 0.2
-        found.append(Motion(begin, terms, known=True))
+        found.append(BodyMotion(begin, terms, known=True))
     return found[0], found[1]
 
 
@@ -63,8 +63,8 @@ def test_the_least_value_is_that_of_a_search_over_the_whole_time(measure: object
 
 
 def test_a_violation_begins_and_ends_where_the_value_is_zero() -> None:
-    passing = Motion(np.zeros(1), np.array([[[-1.0, 0.1], [2.0, 0.0], [0.0, 0.0]]]), known=True)
-    way = course(passing, Motion.resting(np.zeros(2)), diamond, np.linspace(0.0, 1.0, 6))
+    passing = BodyMotion(np.zeros(1), np.array([[[-1.0, 0.1], [2.0, 0.0], [0.0, 0.0]]]), known=True)
+    way = course(passing, BodyMotion.resting(np.zeros(2)), diamond, np.linspace(0.0, 1.0, 6))
     ((since, duration, least),) = below_zero(way)
     half = 0.5 * (1 - 0.1 / 0.25) / 2.0  # |x| / 0.5 + 0.1 / 0.25 = 1, at 2 m/s
     assert (since, duration) == pytest.approx((0.5 - half, 2 * half), abs=1e-9)
@@ -88,7 +88,7 @@ def test_the_pieces_of_a_path_are_where_the_body_is(kind: Any) -> None:
         body.act(setpoint, at)
     pieces += body.path(2 * S)
     terms = np.array([each[1:] for each in pieces])
-    motion = Motion(np.array([each.begin * 1e-9 for each in pieces]), terms, known=True)
+    motion = BodyMotion(np.array([each.begin * 1e-9 for each in pieces]), terms, known=True)
     instants = range(0, 2 * S, S // 99)
     pending = list(commands)
     for now in instants:
