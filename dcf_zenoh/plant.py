@@ -196,7 +196,8 @@ class KnownPath(Protocol):
 
     Its motion follows from its constructor's arguments and its setpoints alone. So what is measured of a run, such as
     the closest approach, replays the recorded setpoints on a fresh plant. The path is used only if `sense` returns the
-    recorded states.
+    recorded states. A class that inherits `path` is not replayed, since what it adds may act on the world, such as
+    write a file; one that may be replayed states so in its body: ``path = PointMass.path``.
     """
 
     def path(self, until: int) -> Iterable[Piece]:

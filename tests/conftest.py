@@ -14,6 +14,8 @@ from tests.support.daemons import TRIO
 from tests.support.durations import LONG, key, recorded
 
 signal.signal(signal.SIGINT, signal.default_int_handler)  # in the background it may be ignored, in all children too
+for number in (signal.SIGHUP, signal.SIGQUIT):  # ignored under nohup and in the background
+    signal.signal(number, signal.SIG_DFL)
 
 
 def pytest_collection_finish() -> None:

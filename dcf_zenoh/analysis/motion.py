@@ -177,15 +177,15 @@ def _vertices(times: Array, values: Array, low: npt.NDArray[np.int64]) -> Array:
 def replayed(log_: AgentLog, spec: FleetSpec, folder: Path, d: int, *, run_plugins: bool) -> BodyMotion | None:
     """Return the path of an agent's body, in the first `d` dimensions, from its setpoints on a fresh plant.
 
-    None if the plant does not offer it (`KnownPath`), its code must not be run, the daemon was started more than once,
-    or the replayed body does not pass through the recorded states.
+    None if the plant's own class does not offer it (`KnownPath`), its code must not be run, the daemon was started more
+    than once, or the replayed body does not pass through the recorded states.
     """
     kind = spec.agent(log_.agent).plant
     if kind is None or log_.lives > 1 or not (run_plugins or is_built_in("plants", kind.kind)):
         return None
     try:
         plugin = load("plants", kind.kind, folder)
-        if not hasattr(plugin, "path") or getattr(plugin, "real", True):
+        if "path" not in vars(plugin) or getattr(plugin, "real", True):
             return None
         return _replay(log_, plant_of(spec, folder, log_.agent), d)
     except Exception as error:  # the plant of a third party may raise anything; the samples are left

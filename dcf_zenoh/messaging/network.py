@@ -17,6 +17,7 @@ An agent subscribes to its in-neighbours only and publishes under its own id onl
 import json
 import os
 import re
+import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
@@ -38,6 +39,7 @@ from dcf_zenoh.messaging.waker import Waker
 HELLO_PERIOD = 0.02  # s between hellos to a neighbour that has not answered
 CONFIRM_WAIT = 0.2  # s that a complete handshake goes on until the neighbours are known to have their answers too
 REJOIN_WAIT = 1.0  # s that a restarted agent waits for further neighbours after the first has answered
+CLOSE_WITHIN = 1.0  # s; Zenoh itself waits up to 10 s for a neighbour that takes nothing
 CHANNEL_SIZE = 4096  # messages of one neighbour that can wait; a full channel blocks the sender
 WAKE = os.urandom(16)  # payload that wakes up a thread which waits for a message
 # Two runtime threads in place of five: fewer hand-overs between sending and receiving (docs/performance.md). With a
@@ -243,11 +245,14 @@ class Network:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._waker.close()
+        closing = threading.Thread(target=self._close, name="close-session", daemon=True)
+        closing.start()
+        closing.join(CLOSE_WITHIN)
+
+    def _close(self) -> None:
         for channel in self._channels.values():  # a session with a full channel does not close
             channel.undeclare()  # type: ignore[no-untyped-call]
-        with suppress(
-            zenoh.ZError
-        ):  # a frozen neighbour does not take the last messages; the session ends all the same
+        with suppress(zenoh.ZError):  # a frozen neighbour does not take the last messages
             self._session.close()  # type: ignore[no-untyped-call]
 
     def publish(self, message: Message, receiver: int | None = None, sent: int | None = None) -> None:

@@ -9,6 +9,8 @@ import numpy as np
 from dcf_zenoh.message import Payload, Value
 from dcf_zenoh.plant import Array, nothing
 
+NO_BOUND = 1e30  # stands for infinity in a payload, whose numbers must be finite; OSQP takes it for infinity too
+
 
 @dataclass(frozen=True)
 class Share:
@@ -54,21 +56,27 @@ class Share:
     equality: bool = False
 
     def to_payload(self, agent: int) -> dict[str, Value]:
-        """Return the entries of a payload that describe the share of `agent`."""
-        return {f"{agent}.{name}": np.asarray(value) for name, value in self._filled().items()}
+        """Return the entries of a payload that describe the share of `agent`; bounds are at most `NO_BOUND`."""
+        bounds = {"lower": self.lower.clip(-NO_BOUND), "upper": self.upper.clip(max=NO_BOUND)}
+        return {f"{agent}.{name}": np.asarray(value) for name, value in {**self._filled(), **bounds}.items()}
 
     @classmethod
     def all_in(cls, payload: Payload) -> dict[int, "Share"]:
-        """Return agent -> share, of all shares in a payload."""
+        """Return agent -> share, of all shares in a payload; a bound of `NO_BOUND` is infinite again."""
         found: dict[int, dict[str, Any]] = {}
         for key, value in payload.items():
             agent, dot, name = key.partition(".")
             if dot and agent.isdecimal():
-                found.setdefault(int(agent), {})[name] = value
+                found.setdefault(int(agent), {})[name] = _unbounded(value) if name in ("lower", "upper") else value
         return {agent: cls(**each) for agent, each in sorted(found.items())}
 
     def _filled(self) -> Mapping[str, Any]:
         return {each.name: getattr(self, each.name) for each in fields(self)}
+
+
+def _unbounded(bounds: Any) -> Array:
+    result: Array = np.where(abs(bounds) < NO_BOUND, bounds, np.copysign(np.inf, bounds))
+    return result
 
 
 @runtime_checkable

@@ -49,7 +49,7 @@ class Hover:
 def fragile(problem, me, *, fails: str = ""):
     step = me.recall("step", 0)
     breaks = fails if me.id == 2 and step == 3 else ""
-    decision = np.zeros(2) * (math.nan if breaks == "decision" else 1.0)
+    decision = np.zeros(2)
     for round in range(1, 5):
         if breaks == "raise" and round == 3:
             print("about to divide")
@@ -57,7 +57,7 @@ def fragile(problem, me, *, fails: str = ""):
         if breaks == "mix" and round == 3:
             me.mix(inbox, "y")
         inbox = yield {"x": decision}, math.nan if breaks == "residual" and round == 3 else 1.0
-    return me.result(decision, step=step + 1)
+    return me.result(decision * (math.nan if breaks == "decision" else 1.0), step=step + 1)
 
 
 class Body(PointMass):

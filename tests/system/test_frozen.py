@@ -20,7 +20,7 @@ pytestmark = [
     pytest.mark.skipif(not (PROCESSES / "self").exists(), reason="processes are found in /proc"),
 ]
 FLY_ON = "time.arrived.within=1e-9"  # nobody has ever arrived
-IN_A_HURRY = "import agentd.launcher.launch as f; f.REACTION = f.LINGER = f.TERM = 0.5"
+IN_A_HURRY = "import agentd.launcher.launch as f; f.REACTION = f.TERM = 0.5; f.LINGER = 3.0"
 
 
 @contextmanager

@@ -1,4 +1,4 @@
-from math import inf, sqrt
+from math import sqrt
 
 import numpy as np
 import pytest
@@ -55,10 +55,9 @@ def test_the_message_of_the_others_stays_as_it_was() -> None:
 
 
 def test_what_is_too_large_overflows_without_a_warning() -> None:
-    given = delivery(payload={"x": np.full(2, 3e38, "f4"), "y": inf})
+    given = delivery(payload={"x": np.full(2, 3e38, "f4")})
     (after,) = alone(Noise(std=1e300), given)
     assert np.all(np.isinf(after.message.payload["x"]))
-    assert after.message.payload["y"] == inf
 
 
 def test_negative_noise_is_refused() -> None:

@@ -40,7 +40,7 @@ def test_agents_go_around_obstacles(algorithm: str, topology: str, plant: str) -
     assert run.barriers.min() >= 0
     assert run.clearances.min() >= 0
     assert run.clearances.shape == (run.steps, 8)
-    assert run.summary()["min_clearance"] == run.clearances.min()
+    assert 0 <= run.summary()["min_clearance"] <= run.clearances.min()  # between the samples it may be less
 
 
 def test_an_obstacle_beside_the_way_keeps_them_out_where_they_would_fly_through_it() -> None:
