@@ -34,11 +34,9 @@ def separation(runs: Sequence[Run]) -> Figure | None:
     for row, draw in zip(panels, drawers, strict=True):
         row[0].set_ylabel({_distances: "distance in m", _barriers: "barrier h", _rounds: "rounds per step"}[draw])
         entries = {text: handle for axes in row for handle, text in zip(*axes.get_legend_handles_labels(), strict=True)}
-        bottom = min(
-            -0.07 * row[0].get_ylim()[1],
-            *(1.2 * low.value for run in flown for low in map(run.closest, ("barrier", "clearance")) if low),
-        )
-        row[0].set_ylim(bottom=bottom if draw is _barriers else 0.0)
+        least = [1.2 * low.value for run in flown for low in map(run.closest, ("barrier", "clearance")) if low]
+        bottom = min([-0.07 * row[0].get_ylim()[1], *least]) if draw is _barriers else 0.0
+        row[0].set_ylim(bottom=bottom)
         row[-1].legend(entries.values(), entries.keys(), loc="upper left", bbox_to_anchor=(1.01, 1), borderaxespad=0)
     return figure
 

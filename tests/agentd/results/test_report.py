@@ -218,6 +218,11 @@ def test_separation_shows_least_values_danger_and_rounds(swap: Run) -> None:
     assert legend(rounds) == ["all agents"]
 
 
+def test_separation_of_bodies_without_safety_regions_has_distances_and_rounds() -> None:
+    run = dcf_zenoh.simulate("rendezvous", changes=["time.duration=0.4"])
+    assert [axes.get_ylabel() for axes in draw("separation", run).axes] == ["distance in m", "rounds per step"]
+
+
 def test_steps_without_agreement_and_late_steps_are_marked(swap: Run) -> None:
     log = swap.agents[1]
     late = log.late.copy()
