@@ -13,7 +13,7 @@ _BOUNDS = {"gt": ">", "ge": ">=", "lt": "<", "le": "<="}  # as annotated_types a
 
 
 class Diagnostics:
-    """What is wrong with a fleet file, one line for each key; only the first finding for a key is kept."""
+    """Errors of a fleet file, one line for each key; only the first finding for a key is kept."""
 
     def __init__(self) -> None:
         self._texts: dict[str, str] = {}

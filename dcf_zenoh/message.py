@@ -35,7 +35,7 @@ PLACE_MAX = 2**40  # steps, rounds
 
 
 class FieldBounds(NamedTuple):
-    """FieldBounds of a field that is an integer; of one that is a tuple of floats, bounds of each of them.
+    """Bounds of a field that is an integer; of one that is a tuple of floats, bounds of each of them.
 
     Attributes:
         least: Smallest value.

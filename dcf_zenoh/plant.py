@@ -111,14 +111,14 @@ class Plant(ABC):
 
     @classmethod
     def owned(cls, key: str, value: object) -> object:  # noqa: ARG003
-        """Return what a `value` of one of `own_keys` refers to; equal for two values that mean the same thing."""
+        """Return the thing that a `value` of one of `own_keys` names, equal for two values that name the same thing."""
         return value
 
     def prepare(self) -> Pauses:
         """Connect; nothing moves. Called once, before any other method."""
 
     def inspect(self) -> Pauses:
-        """Find out whether the body can fly; nothing moves. `checks` returns the findings."""
+        """Inspect whether the body can fly; nothing moves. `checks` returns the findings."""
 
     def checks(self) -> tuple[Check, ...]:
         """Return the findings of `inspect`. If one has a problem, no agent of the fleet takes off."""

@@ -113,7 +113,7 @@ class WallRunner(Runner):
         self._skip_gaps()  # in asynchronous mode no time-out does that
 
     def _skip_gaps(self) -> None:
-        """Give up missing messages; not before the start, when all messages arrive, if late."""
+        """Give up missing messages; not before the start, when all messages are received, if late."""
         if self._network.start:
             self._mailbox.skip_gaps()
 

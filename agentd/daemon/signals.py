@@ -35,15 +35,15 @@ def signal_name(number: int) -> str:
 class CaughtSignals:
     """Signals of a process that must not end before it has landed its body. Use it in a ``with`` statement.
 
-    A thread reads the numbers of the signals from a socket to which the interpreter writes them when they arrive. So a
-    signal is heard wherever the main thread is: in an import, in compiled code, waiting for a message, or in an endless
-    loop. Signals that the process was started with as ignored stay so (``nohup``), other than SIGINT.
+    A thread reads the numbers of the signals from a socket to which the interpreter writes them. So a signal is heard
+    wherever the main thread is: in an import, in compiled code, waiting for a message, or in an endless loop. Signals
+    that the process was started with as ignored stay so (``nohup``), other than SIGINT.
 
     Args:
         numbers: Signals that are caught.
 
     Attributes:
-        number: First signal that arrived; None: none so far.
+        number: First signal that was caught; None: none so far.
     """
 
     def __init__(self, numbers: frozenset[int]) -> None:
@@ -78,7 +78,7 @@ class CaughtSignals:
             self._react = None
 
     def react(self, reaction: Callable[[int], None]) -> None:
-        """Call `reaction` with the number of every signal, in another thread; at once if one has arrived already."""
+        """Call `reaction` with the number of every signal, in another thread; at once if one was caught before."""
         with self._changed:
             self._react = reaction
             if self.number is not None:

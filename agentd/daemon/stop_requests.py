@@ -33,7 +33,7 @@ class EmergencyStop:
         self._pulled.set()
 
     def settle(self, seconds: float) -> None:
-        """If the emergency stop is pulled, wait until the body has been stopped, at most for `seconds`."""
+        """Wait until a body whose emergency stop is pulled has been stopped, at most for `seconds`."""
         if self._pulled.is_set():
             self._acted.wait(seconds)
 

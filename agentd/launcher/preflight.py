@@ -30,7 +30,7 @@ class Inspection:
 
     @property
     def problems(self) -> list[str]:
-        """One line for each reason why the agent cannot fly."""
+        """Reasons why the agent cannot fly, one line each."""
         failed = [check for check in self.checks if check.problem]
         lines = [f"agent {self.agent}: {check.name} {check.value}: {check.problem}" for check in failed]
         return [self.failure, *lines] if self.failure else lines

@@ -1,1 +1,1 @@
-"""What is made of a run: report, summary, export, tables."""
+"""Results of a run: report, summary, export, tables."""

@@ -1,1 +1,1 @@
-"""What is computed from recorded runs: metrics, comparison, link health, replay, explanation, central solution."""
+"""Analysis of recorded runs: metrics, comparison, link health, replay, explanation, central solution."""

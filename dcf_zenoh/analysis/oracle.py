@@ -70,7 +70,7 @@ STAGES_MAX = 100  # stages of a plan that are compared
 
 
 class NoOracle(AlgorithmError):
-    """There is no central solution to compare with: the problem has no method `share`."""
+    """Lack of a central solution to compare with: the problem has no method `share`."""
 
 
 def consult(run: Run) -> Oracle:

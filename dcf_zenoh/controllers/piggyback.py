@@ -12,8 +12,9 @@ from dcf_zenoh.errors import AlgorithmError
 from dcf_zenoh.message import Payload, Value
 from dcf_zenoh.plant import Array
 
-PREFIX = "riding."  # prefix, on the wire, of the payload entries that hold tables
-TABLES_ONLY = f"{PREFIX}alone"  # name, on the wire, of the entry that marks a payload without entries of a dialogue
+# Both names are on the wire: their lengths count in a message's size, on which faults of bandwidth act.
+PREFIX = "riding."  # prefix of the payload entries that hold tables
+TABLES_ONLY = f"{PREFIX}alone"  # name of the entry that marks a payload without entries of a dialogue
 MERGED_MAX = 100  # tables remembered as merged; within a step each agent sends only a few different ones
 Key = tuple[int, ...]
 T = TypeVar("T")

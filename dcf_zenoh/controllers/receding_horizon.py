@@ -1,7 +1,7 @@
 """Model predictive control: share the measured states, solve the problem of this step, apply its first input."""
 
 from collections.abc import Collection, Mapping
-from typing import Literal, Protocol, cast, runtime_checkable
+from typing import ClassVar, Literal, Protocol, cast, runtime_checkable
 
 import numpy as np
 
@@ -91,6 +91,8 @@ class RecedingHorizon(Controller):
     Raises:
         ValueError: A time is negative, or `detour` is set and the problem has no target.
     """
+
+    RENAMED_VALUES: ClassVar[Mapping[str, Mapping[str, str]]] = {"sharing": {"ride": "piggyback"}}
 
     def __init__(
         self,

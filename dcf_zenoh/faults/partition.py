@@ -10,7 +10,7 @@ from dcf_zenoh.messaging.delivery import Delivery
 
 
 class Partition(Fault):
-    """No message gets from one group of agents to another; the links of agents in no group are not affected.
+    """Loss of all messages from one group of agents to another; the links of agents in no group are not affected.
 
     Args:
         sender: Id of the sending agent.

@@ -32,7 +32,7 @@ from dcf_zenoh.spec import Arrived, FleetSpec, nanoseconds
 
 
 class Ending(NamedTuple):
-    """How an agent's run ended.
+    """End of an agent's run.
 
     Attributes:
         last: Kind of the goodbye: done, arrived, or landed early.
@@ -45,7 +45,7 @@ class Ending(NamedTuple):
 
 @dataclass(frozen=True)
 class AgentOptions:
-    """What distinguishes an agent from the others of its fleet, in addition to its parts.
+    """Options of one agent of a fleet, in addition to its parts.
 
     Attributes:
         distance_to_go: State -> distance to the target, m.

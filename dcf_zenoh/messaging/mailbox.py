@@ -17,7 +17,7 @@ CONTRADICTIONS = 3  # messages in a row that contradict the head of a link, befo
 
 
 class Limits(NamedTuple):
-    """What a message of a fleet can be at most.
+    """Bounds of the messages of a fleet.
 
     Attributes:
         step: Largest step.
@@ -147,7 +147,7 @@ class Mailbox:
         duplicates: Number of messages dropped because their sequence number had already been released.
         overtaken: Number of messages dropped because they came after their number had been given up, or from an
             earlier incarnation.
-        refused: Number of arrivals that were no messages, or not plausible ones.
+        refused: Number of receptions that were no messages, or not plausible ones.
         lost: Neighbours that died -> how that was noticed.
     """
 

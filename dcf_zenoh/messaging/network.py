@@ -8,8 +8,8 @@ becomes an event in a queue. Keys, below ``dcf/<fleet>/<run>``:
 - ``alive/<agent>``: liveliness tokens;
 - ``control/<agent>``: requests of operators, as queries.
 
-A UDP endpoint stands for two links to the same address: TCP for all that must arrive (Zenoh's declarations, hellos,
-liveliness tokens, messages before the start, goodbyes), UDP for the messages of rounds, which may be lost.
+A UDP endpoint stands for two links to the same address: TCP for all that must be received (Zenoh's declarations,
+hellos, liveliness tokens, messages before the start, goodbyes), UDP for the messages of rounds, which may be lost.
 
 An agent subscribes to its in-neighbours only and publishes under its own id only.
 """
@@ -361,7 +361,7 @@ class Network:
 
     @property
     def start(self) -> int:
-        """When fleet time was 0, ns UTC; 0 while that is not known."""
+        """Instant at which fleet time was 0, ns UTC; 0 while that is not known."""
         return 0 if self._handshake is None else self._handshake.start
 
     def started(self, instant: int) -> None:

@@ -48,6 +48,7 @@ class Schema:
         parameters: The keys, in the order of the signature.
         shared: Keys that must have the same value at every agent.
         renamed: Key of an earlier version -> its present name or path, for messages.
+        renamed_values: Key -> value of an earlier version -> its present name, for messages.
         make: Function that makes the value of a sub-table from the values of its keys; None for a plug-in.
     """
 
@@ -55,6 +56,7 @@ class Schema:
     parameters: tuple[Parameter, ...]
     shared: tuple[str, ...] = ()
     renamed: Mapping[str, str] = field(default_factory=dict)
+    renamed_values: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     make: Callable[..., Any] | None = None
 
     @property
@@ -87,8 +89,12 @@ class Schema:
                     if table.make is not None and not found and not table.missing(value):
                         values[key] = table.make(**(table.defaults | inner))
             except ValueError as error:
-                errors[key] = str(error)
+                errors[key] = f"{error}{self._renamed(key, value)}"
         return values, errors
+
+    def _renamed(self, key: str, value: object) -> str:
+        earlier = self.renamed_values.get(key, {})
+        return f"; it is called {earlier[value]!r} now" if isinstance(value, str) and value in earlier else ""
 
     def _unknown(self, key: str, known: Iterable[str]) -> str:
         if key in self.renamed:
@@ -117,13 +123,14 @@ def accepted(plugin: Callable[..., Any]) -> Schema:
 
     A parameter without annotation takes values of the type of its default. The plug-in may name keys that must not
     differ from agent to agent in an attribute ``SHARED``, and the present names of earlier keys in a mapping
-    ``RENAMED``.
+    ``RENAMED``, those of earlier values in a mapping ``RENAMED_VALUES`` by key.
 
     Raises:
         PluginError: An annotation cannot be resolved, or there is no signature.
     """
-    shared, renamed = getattr(plugin, "SHARED", ()), getattr(plugin, "RENAMED", {})
-    return Schema(name_of(plugin), tuple(_parameters(plugin)), tuple(shared), renamed)
+    shared = tuple(getattr(plugin, "SHARED", ()))
+    renamed, renamed_values = getattr(plugin, "RENAMED", {}), getattr(plugin, "RENAMED_VALUES", {})
+    return Schema(name_of(plugin), tuple(_parameters(plugin)), shared, renamed, renamed_values)
 
 
 def name_of(plugin: Callable[..., Any]) -> str:

@@ -7,7 +7,7 @@ from dcf_zenoh.problems.formation import CentreConsensus, Formation
 
 
 class Rendezvous:
-    """In every control step all agree on the mean of their positions, and fly there: a formation without offsets.
+    """Flight of all agents to the mean of their positions, agreed on in every step: a formation without offsets.
 
     Attributes:
         local: The problem of an agent follows from its own state alone.

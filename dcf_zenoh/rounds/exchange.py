@@ -140,18 +140,18 @@ class StepExchange(NamedTuple, Generic[T]):
             ) from error
 
     def inbox(self, sent: Sent, round: int, *, stop: bool, synchronous: bool = True) -> Inbox:
-        """Return what the algorithm sees of `round`."""
+        """Return the inbox of the algorithm in `round`."""
         if self.dialogue.keeps_log:
             self.dialogue.note_round(sent.own, self.receiver.received_at(round))
         return self.receiver.inbox(sent.own, sent.names, round, stop=stop, synchronous=synchronous)
 
     def computed(self, now: int) -> int:
-        """Return when the computation that the dialogue has just done ends in fleet time, ns."""
+        """Return the instant at which the dialogue's last computation ends, fleet time, ns."""
         return self.compute_time.end(now, self.dialogue.last_compute)
 
 
 class ExchangeMode(Protocol):
-    """How the rounds of a step follow each other: synchronously or asynchronously."""
+    """Order of the rounds of a step, synchronous or asynchronous."""
 
     def run(self, exchange: StepExchange[Any]) -> Loop[tuple[int, str]]:
         """Exchange messages until the dialogue has returned; return the fleet time then, ns, and what ended it.

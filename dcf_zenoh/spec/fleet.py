@@ -23,7 +23,7 @@ class Topology(Kind):
 
 
 class Arrived(Table):
-    """When an agent counts as arrived: how near its target, and for how long."""
+    """Condition for an agent to count as arrived: how near its target, and for how long."""
 
     within: PositiveFloat = Field(default=0.05, description="m")
     for_: NonNegativeFloat = Field(default=1.0, alias="for", description="s")

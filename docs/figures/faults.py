@@ -156,7 +156,7 @@ def bandwidth() -> Figure:
 
 
 def payload() -> Figure:
-    """One number of a payload as it is, and as it arrives."""
+    """One number of a payload as it is, and as it is received."""
     time = np.linspace(0, 1, 60)
     truth = np.sin(2 * np.pi * time) + 0.4 * time
     kinds: dict[str, Fault] = {

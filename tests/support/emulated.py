@@ -3,18 +3,17 @@
 import json
 import select
 import socket
-import subprocess
-import sys
 import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
 from types import TracebackType
-from typing import IO, Any, Self, cast
+from typing import Any, Self
 
 import numpy as np
 
 from plants.crazyflie.emulator.truth import Record
+from tests.support.emulator_process import EmulatorProcess
 
 # Before each test: as it was switched on, whatever was done to it before.
 AFRESH = (
@@ -40,48 +39,24 @@ def drive(pauses: Iterator[float] | Any, within: float = 40.0) -> float:
     return time.monotonic() - began
 
 
-class Emulated:
-    """``agentd emulate-crazyflie --n 1`` as a process. Use it in a ``with`` statement.
+class Emulated(EmulatorProcess):
+    """One drone of ``agentd emulate-crazyflie``. Use it in a ``with`` statement.
 
     Args:
         folder: Where it writes the truth.
-        options: Others of the command.
+        options: Other options of the command.
     """
 
     def __init__(self, folder: Path, *options: str) -> None:
         self._path = folder / "drone-1.jsonl"
         self._read, self._rest = 0, b""
         self._records: list[Record] = []
-        command = [sys.executable, "-m", "agentd", "emulate-crazyflie", "--n", "1", "--port", "0", *options]
-        self._process = subprocess.Popen(
-            [*command, "--truth", str(folder), "--until-stdin-closes"],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
-            bufsize=1,
-        )
-        self.uri = self._line().split()[2]
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        cast(IO[str], self._process.stdin).close()
-        try:
-            self._process.wait(5)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait(5)
-        cast(IO[str], self._process.stdout).close()
+        super().__init__(folder, 1, *options)
+        self.uri = self.uris[1]
 
     def say(self, line: str) -> str:
-        """Tell it something, such as ``battery 3.0``; its answer."""
-        cast(IO[str], self._process.stdin).write(f"1 {line}\n")
-        answer = self._line()
-        assert not answer.startswith("error"), answer
-        return answer
+        """Send it a line such as ``battery 3.0``; its answer."""
+        return self.send(1, line)
 
     def renew(self, x: float = 0.0, y: float = 0.0, yaw: float = 0.0) -> None:
         """Switch it off and on, standing there (m, m, deg); what it did before is not told any more."""
@@ -129,12 +104,6 @@ class Emulated:
         touched = [record for record in self.truth if record.kind == "event" and record["event"] == "touched down"]
         lost = {"free fall", "locked", "crashed", "emergency stop"} & set(self.events)
         return bool(touched) and all(record["soft"] for record in touched) and not lost
-
-    def _line(self, within: float = 100.0) -> str:
-        stream = cast(IO[str], self._process.stdout)
-        ready, _, _ = select.select([stream], [], [], within)
-        assert ready, f"the emulator says nothing within {within:g} s"
-        return stream.readline().strip()
 
 
 class Relay:

@@ -1,14 +1,10 @@
 """Several software Crazyflies in one process, and fleets of daemons that fly them."""
 
-import subprocess
-import sys
-import threading
 from pathlib import Path
-from types import TracebackType
-from typing import IO, Self, cast
 
 from plants.crazyflie.emulator.truth import Record, read_truth
 from tests.support.daemons import Launch
+from tests.support.emulator_process import EmulatorProcess
 from tests.support.small_fleet import small_fleet
 
 PLACES = ([0.0, 0.7], [0.0, -0.7])
@@ -59,48 +55,18 @@ class Drone:
         return bool(touched) and all(touched) and not self.lost_control and "disarmed" in self.events
 
 
-class Swarm:
-    """``agentd emulate-crazyflie`` as a process. Use it in a ``with`` statement.
+class Swarm(EmulatorProcess):
+    """The drones of ``agentd emulate-crazyflie``. Use it in a ``with`` statement.
 
     Args:
         folder: Where it writes the truth.
         count: How many drones.
-        options: Others of the command.
+        options: Other options of the command.
     """
 
     def __init__(self, folder: Path, count: int, *options: str) -> None:
-        command = [sys.executable, "-m", "agentd", "emulate-crazyflie", "--n", str(count), "--port", "0", *options]
-        self._process = subprocess.Popen(
-            [*command, "--truth", str(folder), "--until-stdin-closes"],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
-            bufsize=1,
-        )
-        self._talk = threading.Lock()  # around a line and its answer
-        lines = [self._line().split() for _ in range(count)]
-        self.drones = {int(number): Drone(folder / f"drone-{number}.jsonl", uri) for _, number, uri in lines}
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        cast(IO[str], self._process.stdin).close()
-        try:
-            self._process.wait(5)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait(5)
-        cast(IO[str], self._process.stdout).close()
-
-    def say(self, drone: int, line: str) -> None:
-        """Tell a drone something, such as ``battery 3.0``. From any thread."""
-        with self._talk:
-            cast(IO[str], self._process.stdin).write(f"{drone} {line}\n")
-            answer = self._line()
-        assert answer.startswith("ok"), answer
+        super().__init__(folder, count, *options)
+        self.drones = {number: Drone(folder / f"drone-{number}.jsonl", uri) for number, uri in self.uris.items()}
 
     def fleet(self, folder: Path, drones: tuple[int, ...], more: str = "") -> Path:
         """A fleet file whose agents 1, 2, ... are these drones, which are put at their starts."""
@@ -108,7 +74,7 @@ class Swarm:
         agents = {}
         for agent, drone in enumerate(drones, 1):
             place = PLACES[agent - 1]
-            self.say(drone, f"place {place[0]} {place[1]}")
+            self.send(drone, f"place {place[0]} {place[1]}")
             uri = {"plants": {"hardware": {"uri": self.drones[drone].uri}}}
             agents[str(agent)] = {
                 "start": place,
@@ -131,9 +97,6 @@ class Swarm:
         )
         (folder / "hovering.toml").write_text(text + more)
         return folder / "hovering.toml"
-
-    def _line(self) -> str:
-        return cast(IO[str], self._process.stdout).readline().strip()
 
 
 def launch(fleet: Path, *changes: str) -> Launch:

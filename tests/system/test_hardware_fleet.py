@@ -44,7 +44,7 @@ class Flight(NamedTuple):
 
 def kill_link(swarm: Swarm, first: int, flight: Launch) -> None:
     flight.flying()
-    swarm.say(first, "kill-link")
+    swarm.send(first, "kill-link")
 
 
 def kill_daemon(_swarm: Swarm, _first: int, flight: Launch) -> None:
@@ -59,14 +59,14 @@ def kill_launcher(_swarm: Swarm, _first: int, flight: Launch) -> None:
 
 def drift_away(swarm: Swarm, first: int, flight: Launch) -> None:
     flight.flying()
-    swarm.say(first, "drift 1.5 0.0")
+    swarm.send(first, "drift 1.5 0.0")
     until(lambda: flight.process.poll() is not None or "outside the arena" in flight.errors, "it is noticed", LONG)
-    swarm.say(first, "drift 0.0 0.0")
+    swarm.send(first, "drift 0.0 0.0")
 
 
 def sink_battery(swarm: Swarm, first: int, flight: Launch) -> None:
     flight.flying()
-    swarm.say(first, "battery 2.9")
+    swarm.send(first, "battery 2.9")
 
 
 def nothing(_swarm: Swarm, _first: int, _flight: Launch) -> None:
@@ -89,7 +89,7 @@ def fly(swarm: Swarm, folder: Path, first: int, name: str) -> Flight:
     before, trouble, more = TROUBLE[name]
     fleet = swarm.fleet(folder, (first, first + 1), more)
     if before:
-        swarm.say(first, before)
+        swarm.send(first, before)
     with launch(fleet) as flight:
         trouble(swarm, first, flight)
         code = None if name == "launcher killed" else flight.end(LONG)
@@ -104,7 +104,7 @@ def interrupt(swarm: Swarm, folder: Path, number: int, phase: str) -> Flight:
     """Press Ctrl-C in a phase of a flight of one drone."""
     fleet = swarm.fleet(folder, (number,))
     if phase == "go to start":
-        swarm.say(number, "place 0.7 0.7")  # far enough from its start for the way to take a while
+        swarm.send(number, "place 0.7 0.7")  # far enough from its start for the way to take a while
     drone = swarm.drones[number]
     with launch(fleet, *(["time.duration=0.6"] if phase == "landing" else [])) as flight:
         if phase == "arm":

@@ -24,7 +24,7 @@ RENAMED = {  # key of an earlier version -> its name now
 
 @dataclass(frozen=True)
 class PredictionOptions:
-    """How an agent predicts its own motion.
+    """Prediction of an agent's own motion.
 
     Attributes:
         horizon: H, in steps.
@@ -78,7 +78,7 @@ class CostOptions:
 
 @dataclass(frozen=True)
 class BarrierOptions:
-    """How pairs of agents keep apart.
+    """Barrier between pairs of agents.
 
     Attributes:
         radii: Half axes r1, r2 of the safety region, in m.
@@ -100,7 +100,7 @@ class BarrierOptions:
 
 @dataclass(frozen=True)
 class DiamondOptions(BarrierOptions):
-    """How agents keep apart with diamond-shaped safety regions, and clear of obstacles.
+    """Barrier of diamond-shaped safety regions, between agents and with obstacles.
 
     Attributes:
         margin: Least barrier value h that is kept, instead of 0. The rows hold as exactly as they are solved: a fleet

@@ -9,13 +9,57 @@ from plants.crazyflie.emulator.body import Body
 from plants.crazyflie.emulator.estimator import StateEstimator
 from plants.crazyflie.emulator.log_blocks import Variable
 from plants.crazyflie.emulator.memories import Lighthouse
-from plants.crazyflie.emulator.parameters import FirmwareParameter
+from plants.crazyflie.emulator.parameters import FirmwareParameter, no_effect
 
 Logged: TypeAlias = tuple[str, Callable[[], float]]  # storage format, and function that returns the value
+Group: TypeAlias = dict[str, Logged]  # by the name within the group
 
 RSSI = 45  # -dBm
 LIGHTHOUSE_METHOD, KALMAN, PID = 1, 2, 1
 READY_TIMEOUT, LANDED_TIMEOUT = 30000, 3000  # ms
+
+PARAMETERS = (  # name, storage format, value after power-on
+    ("kalman.resetEstimation", "B", 0),
+    ("kalman.initialX", "f", 0),
+    ("kalman.initialY", "f", 0),
+    ("kalman.initialZ", "f", 0),
+    ("kalman.initialYaw", "f", 0),
+    ("kalman.robustTdoa", "B", 0),
+    ("stabilizer.estimator", "B", KALMAN),
+    ("stabilizer.controller", "B", PID),
+    ("stabilizer.stop", "B", 0),
+    ("commander.enHighLevel", "B", 0),
+    ("supervisor.infdmp", "B", 0),
+    ("supervisor.prefltTimeout", "H", READY_TIMEOUT),
+    ("supervisor.landedTimeout", "H", LANDED_TIMEOUT),
+    ("supervisor.tmblChckEn", "B", 1),
+    ("system.arm", "b", 0),
+    ("system.forceArm", "b", 0),
+    ("flightmode.althold", "B", 0),
+    ("flightmode.poshold", "B", 0),
+    ("flightmode.posSet", "B", 0),
+    ("flightmode.yawMode", "B", 2),
+    ("flightmode.stabModeRoll", "B", 1),
+    ("flightmode.stabModePitch", "B", 1),
+    ("flightmode.stabModeYaw", "B", 0),
+    ("lighthouse.method", "B", LIGHTHOUSE_METHOD),
+    ("lighthouse.bsCalibReset", "B", 0),
+    ("lighthouse.systemType", "B", 2),
+    ("locSrv.extPosStdDev", "f", 0.01),
+    ("locSrv.extQuatStdDev", "f", 0.0045),
+    ("posCtlPid.xVelMax", "f", 1.0),
+    ("posCtlPid.yVelMax", "f", 1.0),
+    ("posCtlPid.zVelMax", "f", 1.0),
+    ("hlCommander.vtoff", "f", 0.5),
+    ("hlCommander.vland", "f", 0.5),
+    ("ring.effect", "B", 0),
+    ("led.bitmask", "B", 0),
+    ("pm.lowVoltage", "f", 3.2),
+    ("deck.bcLighthouse4", "B", 1),
+    ("deck.bcFlow2", "B", 0),
+    ("deck.bcZRanger2", "B", 0),
+    ("deck.bcLoco", "B", 0),
+)
 
 
 def variables_of(
@@ -32,53 +76,61 @@ def variables_of(
         lighthouse: Its Lighthouse deck.
         bits: Returns the bits of supervisor and planner.
     """
-
-    def estimate(component: int, scale: float = 1.0) -> float:
-        return float(estimator.estimate[component]) * scale
-
-    def angle(axis: int) -> float:
-        return math.degrees(body.angles[axis]) * (-1.0 if axis == 1 else 1.0)
-
-    def motor(number: int) -> float:
-        return float(body.motors[number])
-
-    attitude: dict[str, Logged] = {
-        "roll": ("f", lambda: angle(0)),
-        "pitch": ("f", lambda: angle(1)),
-        "yaw": ("f", lambda: angle(2)),
+    groups: dict[str, Group] = {
+        **_motion_groups(body, estimator),
+        **_power_groups(body, battery),
+        "sys": {
+            "canfly": ("B", lambda: bits() >> 3 & 1),
+            "isFlying": ("B", lambda: bits() >> 4 & 1),
+            "isTumbled": ("B", lambda: bits() >> 5 & 1),
+        },
+        "supervisor": {"info": ("H", bits)},
+        "lighthouse": _lighthouse_group(lighthouse),
     }
-    groups: dict[str, dict[str, Logged]] = {
-        "stateEstimate": {
-            "x": ("f", lambda: estimate(0)),
-            "y": ("f", lambda: estimate(1)),
-            "z": ("f", lambda: estimate(2)),
-            "vx": ("f", lambda: estimate(3)),
-            "vy": ("f", lambda: estimate(4)),
-            "vz": ("f", lambda: estimate(5)),
-            **attitude,
-        },
-        "stateEstimateZ": {
-            "x": ("h", lambda: estimate(0, 1e3)),
-            "y": ("h", lambda: estimate(1, 1e3)),
-            "z": ("h", lambda: estimate(2, 1e3)),
-            "vx": ("h", lambda: estimate(3, 1e3)),
-            "vy": ("h", lambda: estimate(4, 1e3)),
-            "vz": ("h", lambda: estimate(5, 1e3)),
-        },
+    return [
+        Variable(f"{group}.{name}", layout, value)
+        for group, names in groups.items()
+        for name, (layout, value) in names.items()
+    ]
+
+
+def _motion_groups(body: Body, estimator: StateEstimator) -> dict[str, Group]:
+    """Return the groups of what the estimator knows of the body's motion."""
+
+    def estimate(component: int, scale: float = 1.0) -> Callable[[], float]:
+        return lambda: float(estimator.estimate[component]) * scale
+
+    def angle(axis: int) -> Callable[[], float]:
+        sign = -1.0 if axis == 1 else 1.0
+        return lambda: math.degrees(body.angles[axis]) * sign
+
+    def rate(axis: int) -> Callable[[], float]:
+        return lambda: math.degrees(body.rates[axis])
+
+    def variance() -> float:
+        return estimator.variance
+
+    attitude: Group = {name: ("f", angle(axis)) for axis, name in enumerate(("roll", "pitch", "yaw"))}
+    motion = ("x", "y", "z", "vx", "vy", "vz")
+    return {
+        "stateEstimate": {**{name: ("f", estimate(k)) for k, name in enumerate(motion)}, **attitude},
+        "stateEstimateZ": {name: ("h", estimate(k, 1e3)) for k, name in enumerate(motion)},
         "stabilizer": {**attitude, "thrust": ("f", lambda: float(body.motors.mean()))},
         "kalman": {
-            "varPX": ("f", lambda: estimator.variance),
-            "varPY": ("f", lambda: estimator.variance),
-            "varPZ": ("f", lambda: estimator.variance),
-            "stateX": ("f", lambda: estimate(0)),
-            "stateY": ("f", lambda: estimate(1)),
-            "stateZ": ("f", lambda: estimate(2)),
+            **{f"varP{axis}": ("f", variance) for axis in "XYZ"},
+            **{f"state{axis}": ("f", estimate(k)) for k, axis in enumerate("XYZ")},
         },
-        "gyro": {
-            "x": ("f", lambda: math.degrees(body.rates[0])),
-            "y": ("f", lambda: math.degrees(body.rates[1])),
-            "z": ("f", lambda: math.degrees(body.rates[2])),
-        },
+        "gyro": {name: ("f", rate(axis)) for axis, name in enumerate("xyz")},
+    }
+
+
+def _power_groups(body: Body, battery: Battery) -> dict[str, Group]:
+    """Return the groups of battery, radio and motors."""
+
+    def motor(number: int) -> Callable[[], float]:
+        return lambda: float(body.motors[number])
+
+    return {
         "pm": {
             "vbat": ("f", lambda: battery.voltage),
             "vbatMV": ("H", lambda: battery.voltage * 1e3),
@@ -86,35 +138,21 @@ def variables_of(
             "batteryLevel": ("B", lambda: battery.level),
         },
         "radio": {"rssi": ("B", lambda: RSSI)},
-        "motor": {
-            "m1": ("H", lambda: motor(0)),
-            "m2": ("H", lambda: motor(1)),
-            "m3": ("H", lambda: motor(2)),
-            "m4": ("H", lambda: motor(3)),
-        },
-        "sys": {
-            "canfly": ("B", lambda: bits() >> 3 & 1),
-            "isFlying": ("B", lambda: bits() >> 4 & 1),
-            "isTumbled": ("B", lambda: bits() >> 5 & 1),
-        },
-        "supervisor": {"info": ("H", bits)},
-        "lighthouse": {
-            "bsReceive": ("H", lambda: lighthouse.received),
-            "bsActive": ("H", lambda: lighthouse.logged),
-            "bsAvailable": ("H", lambda: 0xFFFF),
-            "bsGeoVal": ("H", lambda: lighthouse.geometries),
-            "bsCalVal": ("H", lambda: lighthouse.calibrations),
-            "bsCalUd": ("H", lambda: 0),
-            "bsCalCon": ("H", lambda: lighthouse.received),
-            "status": ("B", lambda: lighthouse.status),
-        },
+        "motor": {f"m{number + 1}": ("H", motor(number)) for number in range(4)},
     }
 
-    return [
-        Variable(f"{group}.{name}", layout, value)
-        for group, names in groups.items()
-        for name, (layout, value) in names.items()
-    ]
+
+def _lighthouse_group(lighthouse: Lighthouse) -> Group:
+    return {
+        "bsReceive": ("H", lambda: lighthouse.received),
+        "bsActive": ("H", lambda: lighthouse.logged),
+        "bsAvailable": ("H", lambda: 0xFFFF),
+        "bsGeoVal": ("H", lambda: lighthouse.geometries),
+        "bsCalVal": ("H", lambda: lighthouse.calibrations),
+        "bsCalUd": ("H", lambda: 0),
+        "bsCalCon": ("H", lambda: lighthouse.received),
+        "status": ("B", lambda: lighthouse.status),
+    }
 
 
 def parameters_of(
@@ -139,45 +177,13 @@ def parameters_of(
     def set_arm(value: float) -> None:
         arm(bool(value))
 
+    effects = {
+        "kalman.resetEstimation": set_reset,
+        "stabilizer.stop": set_stop,
+        "system.arm": set_arm,
+        "system.forceArm": set_arm,
+    }
     return [
-        FirmwareParameter("kalman.resetEstimation", "B", 0, changed=set_reset),
-        FirmwareParameter("kalman.initialX", "f", 0),
-        FirmwareParameter("kalman.initialY", "f", 0),
-        FirmwareParameter("kalman.initialZ", "f", 0),
-        FirmwareParameter("kalman.initialYaw", "f", 0),
-        FirmwareParameter("kalman.robustTdoa", "B", 0),
-        FirmwareParameter("stabilizer.estimator", "B", KALMAN),
-        FirmwareParameter("stabilizer.controller", "B", PID),
-        FirmwareParameter("stabilizer.stop", "B", 0, changed=set_stop),
-        FirmwareParameter("commander.enHighLevel", "B", 0),
-        FirmwareParameter("supervisor.infdmp", "B", 0),
-        FirmwareParameter("supervisor.prefltTimeout", "H", READY_TIMEOUT),
-        FirmwareParameter("supervisor.landedTimeout", "H", LANDED_TIMEOUT),
-        FirmwareParameter("supervisor.tmblChckEn", "B", 1),
-        FirmwareParameter("system.arm", "b", 0, changed=set_arm),
-        FirmwareParameter("system.forceArm", "b", 0, changed=set_arm),
-        FirmwareParameter("flightmode.althold", "B", 0),
-        FirmwareParameter("flightmode.poshold", "B", 0),
-        FirmwareParameter("flightmode.posSet", "B", 0),
-        FirmwareParameter("flightmode.yawMode", "B", 2),
-        FirmwareParameter("flightmode.stabModeRoll", "B", 1),
-        FirmwareParameter("flightmode.stabModePitch", "B", 1),
-        FirmwareParameter("flightmode.stabModeYaw", "B", 0),
-        FirmwareParameter("lighthouse.method", "B", LIGHTHOUSE_METHOD),
-        FirmwareParameter("lighthouse.bsCalibReset", "B", 0),
-        FirmwareParameter("lighthouse.systemType", "B", 2),
-        FirmwareParameter("locSrv.extPosStdDev", "f", 0.01),
-        FirmwareParameter("locSrv.extQuatStdDev", "f", 0.0045),
-        FirmwareParameter("posCtlPid.xVelMax", "f", 1.0),
-        FirmwareParameter("posCtlPid.yVelMax", "f", 1.0),
-        FirmwareParameter("posCtlPid.zVelMax", "f", 1.0),
-        FirmwareParameter("hlCommander.vtoff", "f", 0.5),
-        FirmwareParameter("hlCommander.vland", "f", 0.5),
-        FirmwareParameter("ring.effect", "B", 0),
-        FirmwareParameter("led.bitmask", "B", 0),
-        FirmwareParameter("pm.lowVoltage", "f", 3.2),
-        FirmwareParameter("deck.bcLighthouse4", "B", 1, fixed=True),
-        FirmwareParameter("deck.bcFlow2", "B", 0, fixed=True),
-        FirmwareParameter("deck.bcZRanger2", "B", 0, fixed=True),
-        FirmwareParameter("deck.bcLoco", "B", 0, fixed=True),
+        FirmwareParameter(name, layout, default, name.startswith("deck."), effects.get(name, no_effect))
+        for name, layout, default in PARAMETERS
     ]

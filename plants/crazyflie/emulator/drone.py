@@ -14,7 +14,7 @@ class Drone:
     """Emulated drone: passes packets and time to the firmware in chronological order.
 
     Time is that of the monotonic clock since `begin`, s. The firmware advances slot by slot. After a delay of the
-    process it catches up, and packets take effect at the instants of their arrival; so the firmware's watchdogs count
+    process it catches up, and packets take effect at the instants of their reception; so the firmware's watchdogs count
     simulated time, independently of the load of the machine. Recorded events are "link lost" and "link back".
 
     Args:
@@ -62,13 +62,13 @@ class Drone:
         self._update_link(now)
 
     def _deliver(self, now: float) -> None:
-        """Pass all packets that have arrived by `now`, s, to the firmware, and send its answers."""
-        for arrived, wire in self.radio.up.pop_due(now):
+        """Pass all packets received by `now`, s, to the firmware, and send its answers."""
+        for received, wire in self.radio.up.pop_due(now):
             packet_in = packet(wire)
             if packet_in is None:
                 continue
             for answer in self.ports.receive(packet_in):
-                self.radio.send_down(arrived, answer.wire)
+                self.radio.send_down(received, answer.wire)
             if packet_in.port == PARAM and self.firmware.parameters.is_last(packet_in.channel, packet_in.data):
                 self.radio.connected = True
 

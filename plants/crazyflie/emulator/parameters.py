@@ -14,7 +14,7 @@ CODES = {"b": 0, "h": 1, "i": 2, "f": 6, "B": 8, "H": 9, "I": 10}
 READ_ONLY = 0x40
 
 
-def _nothing(value: float) -> None:
+def no_effect(value: float) -> None:
     """Ignore the value: most parameters have no effect."""
 
 
@@ -33,7 +33,7 @@ class FirmwareParameter(NamedTuple):
     layout: str
     default: float
     fixed: bool = False
-    changed: Callable[[float], None] = _nothing
+    changed: Callable[[float], None] = no_effect
 
 
 class Parameters:

@@ -37,16 +37,16 @@ class PacketQueue:
 
     @property
     def next(self) -> float | None:
-        """Instant at which the next packet arrives, s; None if there is none."""
+        """Instant at which the next packet is received, s; None if there is none."""
         return self._in_transit[0][0] if self._in_transit else None
 
     def send(self, due: float, wire: bytes) -> None:
-        """Let a packet arrive at `due`, s, or right after the previous one if that is later."""
+        """Let a packet be received at `due`, s, or right after the previous one if that is later."""
         self._last = max(self._last + SPACING, due)
         self._in_transit.append((self._last, wire))
 
     def pop_due(self, now: float) -> Iterator[tuple[float, bytes]]:
-        """Remove the packets that have arrived by `now`, s; yield the instant and the bytes of each."""
+        """Remove the packets received by `now`, s; yield the instant and the bytes of each."""
         while self._in_transit and self._in_transit[0][0] <= now:
             yield self._in_transit.popleft()
 
@@ -56,15 +56,15 @@ class PacketQueue:
         self._last = -SPACING
 
     def waiting(self, now: float) -> int:
-        """Return the number of packets that have not arrived by `now`, s."""
+        """Return the number of packets not received by `now`, s."""
         return sum(due > now for due, _ in self._in_transit)
 
 
 class Radio:
     """Radio link with latency, silences and loss, which can be cut.
 
-    In a silence no packet gets through in either direction; up to 100 packets each way arrive after it. After a silence
-    of 2 s, or with the link cut for as long, the link is lost, together with all packets in transit.
+    In a silence no packet gets through in either direction; up to 100 packets each way are received after it. After a
+    silence of 2 s, or with the link cut for as long, the link is lost, together with all packets in transit.
 
     Args:
         conditions: Properties of the link.

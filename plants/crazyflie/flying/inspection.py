@@ -114,7 +114,7 @@ def _battery(health: Health, bounds: Bounds) -> Check:
 def _link(received_share: float, round_trip: float) -> Check:
     value = f"{received_share:.0%} of packets, {round_trip * 1e3:.0f} ms there and back"
     if received_share < SHARE_MIN:
-        return Check("link", value, f"at least {SHARE_MIN:.0%} has to arrive")
+        return Check("link", value, f"at least {SHARE_MIN:.0%} has to be received")
     return Check(
         "link", value, f"at most {ROUND_TRIP_MAX * 1e3:.0f} ms is allowed" if round_trip > ROUND_TRIP_MAX else ""
     )

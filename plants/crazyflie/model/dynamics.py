@@ -56,6 +56,30 @@ def spin_up(speed: float, target: float, vehicle: Vehicle) -> float:
 
 
 @compiled
+def turn(rate: Array, state: Array, torque: tuple[float, float, float], momentum: float, vehicle: Vehicle) -> None:
+    """Set the acceleration of the turn rates in `rate` by Euler's equation, J dω/dt = τ - ω x (J ω + h).
+
+    Args:
+        rate: Rate of change of `state`, shape (17,).
+        state: State of the body, shape (17,).
+        torque: τ, N m, body frame.
+        momentum: Angular momentum of the rotors h, along body z, N m s.
+        vehicle: Parameters of the vehicle.
+    """
+    p, q, r = state[10], state[11], state[12]
+    torque_x, torque_y, torque_z = torque
+    inertia, inverse = vehicle.inertia, vehicle.inertia_inverse
+    spin_x = inertia[0, 0] * p + inertia[0, 1] * q + inertia[0, 2] * r
+    spin_y = inertia[1, 0] * p + inertia[1, 1] * q + inertia[1, 2] * r
+    spin_z = inertia[2, 0] * p + inertia[2, 1] * q + inertia[2, 2] * r + momentum
+    torque_x -= q * spin_z - r * spin_y
+    torque_y -= r * spin_x - p * spin_z
+    torque_z -= p * spin_y - q * spin_x
+    for axis in range(3):
+        rate[10 + axis] = inverse[axis, 0] * torque_x + inverse[axis, 1] * torque_y + inverse[axis, 2] * torque_z
+
+
+@compiled
 def derivative(state: Array, targets: Array, wind: Array, vehicle: Vehicle) -> Array:
     """Return the rate of change of `state`, shape (17,), in the unit of each component per s.
 
@@ -110,16 +134,7 @@ def derivative(state: Array, targets: Array, wind: Array, vehicle: Vehicle) -> A
     torque_x = vehicle.lever * (t3 + t4 - t1 - t2)
     torque_y = vehicle.lever * (t2 + t3 - t1 - t4)
 
-    # Euler's equation with the rotors' momentum along body z: J dω/dt = τ - ω x (J ω + h).
-    inertia, inverse = vehicle.inertia, vehicle.inertia_inverse
-    spin_x = inertia[0, 0] * p + inertia[0, 1] * q + inertia[0, 2] * r
-    spin_y = inertia[1, 0] * p + inertia[1, 1] * q + inertia[1, 2] * r
-    spin_z = inertia[2, 0] * p + inertia[2, 1] * q + inertia[2, 2] * r + momentum
-    torque_x -= q * spin_z - r * spin_y
-    torque_y -= r * spin_x - p * spin_z
-    torque_z -= p * spin_y - q * spin_x
-    for axis in range(3):
-        rate[10 + axis] = inverse[axis, 0] * torque_x + inverse[axis, 1] * torque_y + inverse[axis, 2] * torque_z
+    turn(rate, state, (torque_x, torque_y, torque_z), momentum, vehicle)
     return rate
 
 

@@ -9,6 +9,7 @@ from dcf_zenoh.controllers.controller import Decision
 from dcf_zenoh.controllers.receding_horizon import RecedingHorizon
 from dcf_zenoh.graph import Graph
 from dcf_zenoh.plant import Array, Setpoint, State
+from dcf_zenoh.plugins.schema import accepted
 from dcf_zenoh.problems.position_swap import PositionSwap
 from dcf_zenoh.testing import converse, fleet_of
 from tests.support.closed_loop import fly
@@ -64,6 +65,11 @@ def test_flooding_that_does_not_reach_all_gives_no_setpoint() -> None:
     decision = end(dialogue, Inbox(table, {}, stop=False, missing=(2,)))  # type: ignore[arg-type]
     assert decision.setpoint is None
     assert decision.notes == {"unknown_agents": 1}
+
+
+def test_value_of_an_earlier_version_is_refused_with_its_present_name() -> None:
+    _, errors = accepted(RecedingHorizon).convert({"sharing": "ride"})
+    assert errors == {"sharing": "expected 'flood' or 'piggyback', not 'ride'; it is called 'piggyback' now"}
 
 
 @pytest.mark.parametrize("sharing", ["flood", "piggyback"])
