@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import IO, TYPE_CHECKING
 
-from agentd.run_directory import write_run_json
+from agentd.run_directory import followed, write_run_json
 from dcf_zenoh.config import LoadedFleet, Overrides, load
 from dcf_zenoh.errors import DcfError, Landed, RecordingError
 from dcf_zenoh.records.run import Run
@@ -32,12 +32,14 @@ def launch_and_report(fleet: LoadedFleet, folder: Path, options: Namespace) -> N
         DcfError: The launch failed; or it did not, and the run cannot be read.
     """
     failure: DcfError | None = None
+    with followed(folder) as place:
+        try:
+            launch_with_progress(fleet, folder, quiet=options.json, yes=options.yes)
+        except DcfError as error:
+            failure = error
+        found = place()
     try:
-        launch_with_progress(fleet, folder, quiet=options.json, yes=options.yes)
-    except DcfError as error:
-        failure = error
-    try:
-        report_run(Run.read(folder), options)
+        report_run(Run.read(found), options)
     except DcfError:  # of the launch is known more: the reason comes first
         if failure is None:
             raise

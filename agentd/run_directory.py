@@ -2,7 +2,8 @@
 
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -39,6 +40,31 @@ def new_folder(name: str, out: Path | None) -> Path:
     except OSError as error:
         raise RecordingError(f"{folder}: cannot be written: {error.strerror}") from error
     return folder
+
+
+@contextmanager
+def followed(folder: Path) -> Iterator[Callable[[], Path]]:
+    """Follow a directory that may be renamed meanwhile.
+
+    Returns:
+        Function that returns where the directory is now; `folder` itself if it was removed, or where the system has no
+        /proc.
+    """
+    handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+
+    def place() -> Path:
+        try:
+            if folder.is_dir() and os.path.samestat(folder.stat(), os.fstat(handle)):
+                return folder
+            now = Path(f"/proc/self/fd/{handle}").readlink()
+        except OSError:
+            return folder
+        return now if now.is_dir() else folder
+
+    try:
+        yield place
+    finally:
+        os.close(handle)
 
 
 def write_run_json(folder: Path, content: Mapping[str, Any]) -> None:

@@ -20,7 +20,7 @@ from agentd.launcher.daemon_process import DaemonProcess, spawn
 from agentd.launcher.key_presses import reading_keys
 from agentd.launcher.terminal import Terminal
 from agentd.operator_file import OperatorFile
-from agentd.run_directory import write_run_json
+from agentd.run_directory import followed, write_run_json
 from dcf_zenoh.config import LoadedFleet, freeze
 from dcf_zenoh.configuration.building.problem_and_plant import plant_classes
 from dcf_zenoh.errors import ConfigurationError, DcfError, Interrupted, RecordingError
@@ -111,7 +111,7 @@ def launch(fleet: LoadedFleet, folder: Path, on_status: OnStatus, on_message: On
     daemons: dict[int, DaemonProcess] = {}
     failures = RunFailures(on_message)
     interrupted: int | None = None
-    with _queued_signals() as signals, reading_keys() as keys:
+    with followed(folder) as place, _queued_signals() as signals, reading_keys() as keys:
         try:
             for agent in frozen.spec.ids:
                 daemons[agent] = _spawn(folder, agent)
@@ -124,8 +124,10 @@ def launch(fleet: LoadedFleet, folder: Path, on_status: OnStatus, on_message: On
             run_json["ended"] = datetime.now(UTC).isoformat()
             run_json["exit_codes"] = {i: daemon.code for i, daemon in daemons.items()}
             run_json["problems"] = [*failures.causes, *failures.effects]
+            if (now := place()) != folder:
+                failures.add(f"{folder}: the run directory was renamed to {now}")
             try:
-                _write_run_json(folder, run_json)
+                _write_run_json(now, run_json)
             except RecordingError as error:
                 failures.add(str(error))
     if interrupted is not None:

@@ -13,6 +13,7 @@ from typing import BinaryIO
 import pytest
 
 from agentd.daemon.output import BackgroundStream, LogFile, StatusPipe
+from agentd.run_directory import read_run_json
 from tests.support.daemons import TRIO, Launch
 from tests.support.waiting import until
 
@@ -140,6 +141,19 @@ def test_fleet_flies_on_to_its_end_when_its_directory_is_removed(tmp_path: Path)
         assert launch.end(40.0) == 1
         missing = f"agentd: {launch.folder}/run.json: cannot be written: No such file or directory"
         assert launch.errors.splitlines() == [missing, missing]
+
+
+@pytest.mark.large
+def test_fleet_flies_on_to_its_end_when_its_directory_is_renamed_and_its_result_is_printed(tmp_path: Path) -> None:
+    (tmp_path / "trio.toml").write_text(TRIO)
+    with Launch(tmp_path / "trio.toml", tmp_path / "run", "time.duration=4.0") as launch:
+        launch.flying()
+        launch.folder.rename(tmp_path / "elsewhere")
+        assert launch.end(40.0) == 1
+        renamed = f"agentd: {launch.folder}: the run directory was renamed to {tmp_path}/elsewhere"
+        assert launch.errors.splitlines() == [renamed, renamed]
+        assert launch.summary["steps_of_all"] == 20
+        assert read_run_json(tmp_path / "elsewhere")["exit_codes"] == {"1": 0, "2": 0, "3": 0}
 
 
 def test_fleet_flies_on_while_its_launcher_is_stopped(tmp_path: Path) -> None:
