@@ -15,7 +15,7 @@ from agentd.operator_file import NAME, OperatorFile
 from dcf_zenoh.errors import ConfigurationError, DcfError
 
 TIMEOUT = 3.0  # s for the answers of all agents
-TIMEOUT_ENDED = 0.5  # s, if the launcher has noted that the run has ended
+TIMEOUT_ENDED = 1.0  # s, if the launcher has noted that the run has ended
 RUNS = Path("runs")
 
 

@@ -48,7 +48,7 @@ class AgentLog:
         events: Events between the steps: 'event', 'time' (ns), and more.
         end: End of the log: 'end' (reason), 'time' (ns), 'state', 'counts', 'remark', and 'unmet', the parts of
             payloads on which faults of the links to this agent should have acted and that no message had; None if the
-            log was cut off, or is damaged.
+            log was cut off in its last life, or is damaged.
         damage: Source, place and kind of the damage, in one line; empty if there is none. What follows is left out.
     """
 

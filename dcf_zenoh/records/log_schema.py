@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, Field, TypeAdapter, ValidationError
 
 from dcf_zenoh.errors import RecordingError
-from dcf_zenoh.records.log_writer import SCHEMA, StepRecord, read_stream
+from dcf_zenoh.records.log_writer import SCHEMAS, StepRecord, read_stream
 from dcf_zenoh.spec import FleetSpec
 
 OWNER = ("agent", "fleet", "seed")  # entries of a header that identify the log
@@ -69,7 +69,7 @@ class Records:
         lives: Number of headers.
         steps: Control steps, ascending.
         events: Events between the steps.
-        end: The last end; None if the log was cut off, or is damaged.
+        end: End of the last life; None if the log was cut off in it, or is damaged.
         damage: Place and kind of the damage; empty if there is none.
     """
 
@@ -138,14 +138,16 @@ class Records:
             self.end = item
 
     def _take_header(self, header: dict[Any, Any]) -> None:
-        if header["schema"] != SCHEMA and not self.lives:
-            raise RecordingError(f"log schema {header['schema']!r:.20}; this version reads {SCHEMA}")
+        if header["schema"] not in SCHEMAS and not self.lives:
+            read = " and ".join(map(str, SCHEMAS))
+            raise RecordingError(f"log schema {header['schema']!r:.20}; this version reads {read}")
         _Header.model_validate(header)
         if self.lives and any(header.get(name) != self.header.get(name) for name in ("schema", *OWNER)):
             raise ValueError(f"a header of {owner_of(header)} in the log of {owner_of(self.header)}")
         self.header = self.header or header
         self.lives += 1
         self._begun = False
+        self.end = None  # that of an earlier life
 
     def _step(self, item: list[Any], fleet: FleetSpec | None) -> StepRecord:
         """Return a checked control step: the next one, or after a header any later one."""

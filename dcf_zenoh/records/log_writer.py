@@ -2,11 +2,13 @@
 
 The first object of a stream is the header, a map; then one array per control step, in the order of `StepRecord`'s
 fields; in between maps for events (an agent crashes, a fault is changed); last a map, the end. After a restart all of
-this follows again. A stream that was cut off anywhere is read up to its last complete object. A run directory holds one
-stream per agent, ``fleet.toml`` (the resolved fleet), ``run.json`` and copies of plug-in files.
+this follows again. After every object comes its checksum, the CRC-32 of its bytes as an integer; streams of schema 3
+have none. A stream that was cut off anywhere is read up to its last complete object. A run directory holds one stream
+per agent, ``fleet.toml`` (the resolved fleet), ``run.json`` and copies of plug-in files.
 """
 
 import platform
+import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -24,7 +26,8 @@ from dcf_zenoh.plant import Setpoint, State
 from dcf_zenoh.rounds.exchange import Outcome
 from dcf_zenoh.rounds.receiver import LinkCount, Note
 
-SCHEMA = 3
+SCHEMA = 4
+SCHEMAS = (3, 4)  # that can be read
 _NONE: Mapping[int, LinkCount] = MappingProxyType({})
 
 
@@ -127,6 +130,13 @@ def _counts(links: Mapping[int, LinkCount]) -> list[tuple[int, int, int, int, in
     return [(j, link.received, link.missing, link.late, link.lost) for j, link in links.items()]
 
 
+def packed(item: object) -> bytes:
+    """Return an object of a stream and its checksum as bytes."""
+    data: bytes = msgpack.packb(item, default=_plain)
+    checksum: bytes = msgpack.packb(zlib.crc32(data))
+    return data + checksum
+
+
 def _plain(value: object) -> object:
     """Return arrays and numpy numbers as lists and numbers, for msgpack."""
     if isinstance(value, np.ndarray | np.generic):
@@ -202,7 +212,7 @@ class Recorder:
 
     def _write(self, item: object) -> None:
         try:
-            left = memoryview(msgpack.packb(item, default=_plain))
+            left = memoryview(packed(item))
             while left:  # an unbuffered stream may take less than all
                 left = left[self._stream.write(left) :]
         except OSError as error:
@@ -212,20 +222,30 @@ class Recorder:
 def read_stream(data: bytes) -> Iterator[tuple[Any, int]]:
     """Yield the complete objects of a stream, each with the position of its end, up to where the stream was cut off.
 
+    Checksums are compared, and not yielded; the position is that of their end.
+
     Raises:
-        ValueError: The stream is damaged: what follows is no object.
+        ValueError: The stream is damaged: what follows is no object, or its checksum is another.
     """
     longest = max(len(data), 1 << 20)  # a length beyond that is refused before memory is taken for it
     unpacker = msgpack.Unpacker(max_buffer_size=longest, strict_map_key=False)
     unpacker.feed(data)
+    begin, checked = 0, None
     while True:
         try:
             item = unpacker.unpack()
+            if checked is None:  # the header
+                checked = isinstance(item, dict) and item.get("schema") == SCHEMA
+            if checked:
+                checksum = zlib.crc32(memoryview(data)[begin : unpacker.tell()])
+                if (found := unpacker.unpack()) != checksum or type(found) is not int:
+                    raise ValueError("its checksum is wrong")
         except msgpack.OutOfData:
             return
         except (TypeError, OverflowError, msgpack.UnpackException) as error:  # keys that are lists; bad time stamps
             raise ValueError(f"not msgpack: {error}") from error
-        yield item, unpacker.tell()
+        begin = unpacker.tell()
+        yield item, begin
 
 
 def length_of_complete(data: bytes) -> int:

@@ -173,6 +173,7 @@ def with_errors_ignored(pid: int, number: int) -> None:
 
 def main(folder: Path, count: int, seed: int) -> None:
     """Send signals to `count` fleets."""
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)  # it is ignored under nohup, and then by all children
     dice = random.Random(seed)
     flying: list[StormyFleet] = []
     begun = 0

@@ -9,7 +9,6 @@ from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import msgpack
 import pytest
 
 from agentd.cli import main
@@ -21,6 +20,7 @@ from agentd.run_directory import read_run_json, write_run_json
 from dcf_zenoh import Run
 from dcf_zenoh.config import freeze, load
 from dcf_zenoh.configuration.building.fault_links import window_of
+from dcf_zenoh.records.log_writer import packed, read_stream
 from dcf_zenoh.rounds.receiver import Passed
 from tests.support.command_line import Answer
 from tests.support.daemons import PROCESSES, Launch
@@ -401,10 +401,10 @@ def test_rules_of_the_file_that_would_be_overruled_are_named(
     for agent in IDS:
         (folder / f"agent-{agent}.msgpack").write_bytes((flight.folder / f"agent-{agent}.msgpack").read_bytes())
     stream = folder / "agent-2.msgpack"
-    items = list(msgpack.Unpacker(io.BytesIO(stream.read_bytes()), strict_map_key=False))
+    items = [item for item, _ in read_stream(stream.read_bytes())]
     first = next(item for item in items if isinstance(item, dict) and item.get("event") == "fault")
     first["time"] = 0
-    stream.write_bytes(b"".join(map(msgpack.packb, items)))
+    stream.write_bytes(b"".join(map(packed, items)))
     write_run_json(folder, {**read_run_json(folder), "ended": "just now"})
     code, _, err = agentd("fault", folder, "export")
     assert code == 0

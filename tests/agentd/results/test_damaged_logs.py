@@ -5,10 +5,9 @@ from collections.abc import Callable
 from pathlib import Path
 from shutil import copytree
 
-import msgpack
 import pytest
 
-from dcf_zenoh.records.log_writer import log_name, read_stream
+from dcf_zenoh.records.log_writer import log_name, packed, read_stream
 from tests.support.command_line import Answer
 from tests.support.faulty_runs import named
 
@@ -137,7 +136,7 @@ def test_a_change_of_faults_that_is_none_costs_one_agent(run: Path, told: Agentd
     path = run / log_name(2)
     items = [item for item, _ in read_stream(path.read_bytes())]
     items.insert(3, {"event": "fault", "time": 5, "change": {"do": "set", "senders": "all"}})
-    path.write_bytes(b"".join(map(msgpack.packb, items)))
+    path.write_bytes(b"".join(map(packed, items)))
     answer = told("fault", run, "export")
     assert (answer.code, answer.out) == (1, "")
     assert re.fullmatch(f"agentd: agent 2: its log in {run}: not a change of faults: .*\n", answer.err)
