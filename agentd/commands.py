@@ -13,6 +13,7 @@ from typing import TypeAlias
 
 from agentd.endpoints import default_endpoints
 from agentd.run_and_report import (
+    check_findings,
     consult_oracle,
     launch_and_report,
     load_fleet,
@@ -158,6 +159,10 @@ def report(options: Namespace) -> int:
         print_oracles(runs, oracles)
     for path in written:
         print(path)
+    for run in runs:
+        for finding in run.findings:
+            print(f"{run.name}: {finding.text}")
+    check_findings(runs, options)
     return 0
 
 

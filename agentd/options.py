@@ -9,6 +9,7 @@ from dcf_zenoh.plugins import GROUPS
 
 Parser = argparse.ArgumentParser
 ORACLE = "compare every decision with that of a central solver"
+STRICT = "fail, with exit code 6, if there are findings, such as a violation or an agent that did not arrive"
 RUN = "run directory, or name of a fleet: its newest run below runs/"
 
 
@@ -84,6 +85,7 @@ def add_runs(command: Add, results: Parser) -> None:
     report.add_argument("runs", nargs="+", type=Path, metavar="RUN")
     report.add_argument("--out", type=Path, metavar="DIR", help="where figures go (default: the first run)")
     report.add_argument("--oracle", action="store_true", help=ORACLE)
+    report.add_argument("--strict", action="store_true", help=STRICT)
     report.add_argument("--animate", action="store_true", help="also draw the flight as a GIF")
     export = command("export", commands.export, "write a run as CSV, NPZ or MAT")
     export.add_argument("run", type=Path, metavar="RUN")
@@ -148,4 +150,5 @@ def result_options() -> Parser:
     options.add_argument("--no-report", action="store_true", help="draw no figures at the end")
     options.add_argument("--animate", action="store_true", help="also draw the flight as a GIF")
     options.add_argument("--oracle", action="store_true", help=ORACLE)
+    options.add_argument("--strict", action="store_true", help=STRICT)
     return options

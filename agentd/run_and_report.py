@@ -9,7 +9,7 @@ from typing import IO, TYPE_CHECKING
 
 from agentd.run_directory import followed, write_run_json
 from dcf_zenoh.config import LoadedFleet, Overrides, load
-from dcf_zenoh.errors import DcfError, Landed, RecordingError
+from dcf_zenoh.errors import DcfError, HasFindings, Landed, RecordingError
 from dcf_zenoh.records.run import Run
 
 if TYPE_CHECKING:  # these take time to import, and daemons need neither
@@ -132,7 +132,12 @@ def read_run(folder: Path) -> Run:
 
 
 def report_run(run: Run, options: Namespace) -> None:
-    """Print the summary of a run, and draw its figures unless the options forbid it."""
+    """Print the summary of a run, and draw its figures unless the options forbid it.
+
+    Raises:
+        HasFindings: It has findings, and the options allow none.
+        RecordingError: The figures cannot be written.
+    """
     from rich.console import Console  # noqa: PLC0415
 
     from agentd.results.summary import summary_table  # noqa: PLC0415
@@ -157,6 +162,15 @@ def report_run(run: Run, options: Namespace) -> None:
         if not options.json:
             figures = f", and {', '.join(path.name for path in written)}" if written else ""
             print(f"{run.folder}: log of every agent{figures}")
+    check_findings([run], options)
+
+
+def check_findings(runs: Sequence[Run], options: Namespace) -> None:
+    """Raise HasFindings if a run has findings and the options allow none."""
+    found = [each for run in runs for each in run.findings]
+    if options.strict and found:
+        more = f"; and {len(found) - 1} more" if len(found) > 1 else ""
+        raise HasFindings(f"--strict: {found[0].text}{more}")
 
 
 def consult_oracle(runs: Sequence[Run]) -> "list[Oracle]":

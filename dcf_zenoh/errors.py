@@ -101,6 +101,10 @@ class RecordingError(DcfError):
     """A run directory or log cannot be written, or was not written by dcf-zenoh."""
 
 
+class HasFindings(DcfError):
+    """A run has findings, such as a violation of a safety region, where none are allowed."""
+
+
 class LogIncomplete(RecordingError):
     """An agent has reached its end, but records of its log are missing, because of a full disk, for example."""
 

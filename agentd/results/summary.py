@@ -1,6 +1,6 @@
 """Summary of a run as a table on the screen."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from rich import box
@@ -26,6 +26,8 @@ def summary_table(summary: Mapping[str, Any]) -> Table:
     table.add_column()
     for name, text in _rows(summary):
         table.add_row(name, text)
+    for name, text, style in _findings(summary):
+        table.add_row(name, text, style=style)
     return table
 
 
@@ -65,6 +67,15 @@ def _rows(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
         rows.append(("controllers noted", ", ".join(f"{count:g} {what}" for what, count in notes.items())))
     rows.append(("digest", summary["digest"][:16]))
     return rows
+
+
+def _findings(summary: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:
+    """Yield name, text and style of a row for each finding; the name stands in the first of a kind."""
+    before = ""
+    for each in summary["findings"]:
+        kind = each["kind"]
+        yield "" if kind == before else kind, each["text"], "bold red" if kind == "violation" else "yellow"
+        before = kind
 
 
 def _losses(lost_by: Mapping[str, Any]) -> str:

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from dcf_zenoh.analysis.findings import Finding, findings_of
 from dcf_zenoh.analysis.motion import BodyMotion, Course, below_zero, course, replayed
 from dcf_zenoh.config import load
 from dcf_zenoh.configuration.building.geometry import FleetGeometry
@@ -321,6 +322,11 @@ class Run:
             total.update(log.rounds.astype("<i8").tobytes())
         return total.hexdigest()
 
+    @cached_property
+    def findings(self) -> tuple[Finding, ...]:
+        """Findings on the run: violations of safety regions, agents that did not arrive, missed deadlines, messages."""
+        return findings_of(self)
+
     @property
     def gaps(self) -> list[str]:
         """Texts on agents whose log is missing, breaks off or is damaged. Empty if the run is `complete`."""
@@ -387,6 +393,7 @@ class Run:
             "lost_by": {"faults": dict(sorted(lost_by.items())), "network": never_came},
             "unmet": dict(sorted(unmet.items())),
             "notes": dict(sorted(notes.items())),
+            "findings": [{"kind": each.kind, "text": each.text} for each in self.findings],
             "digest": self.digest,
         }
 

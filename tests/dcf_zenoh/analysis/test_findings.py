@@ -1,0 +1,79 @@
+"""Findings on a run: who came too close, did not arrive, missed deadlines, or refused messages."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import dcf_zenoh
+from dcf_zenoh import Run
+from tests.support.command_line import Answer
+
+
+@pytest.fixture(scope="module")
+def short() -> Run:
+    """A flight that ends before anybody arrives."""
+    return dcf_zenoh.simulate("position_swap", changes=["time.duration=1.0"])
+
+
+def kinds(run: Run) -> list[str]:
+    return [each.kind for each in run.findings]
+
+
+def test_pair_in_each_others_safety_region_is_named_with_its_time_and_least_value() -> None:
+    changes = ["time.duration=13.0", "problem.barrier.radii=[0.25, 0.25]"]
+    run = dcf_zenoh.simulate("position_swap", changes=changes)
+    assert run.barriers.min() > run.summary()["min_barrier"]  # between the samples
+    texts = [each.text for each in run.findings if each.severe]
+    assert len(texts) == 6
+    assert texts[0].startswith("agents 1 and 3 were in each other's safety region from 12.07 s, for 0.")
+    assert texts[0].endswith("least h -0.006")
+    assert texts[5] == "1 more pairs were too close"
+
+
+def test_agent_that_did_not_arrive_is_named_with_its_distance(short: Run) -> None:
+    assert kinds(short) == ["not arrived"] * 4
+    gaps = [np.linalg.norm(short.positions[-1, i, :2] - short.targets[agent]) for i, agent in enumerate(short.agents)]
+    assert [each.text for each in short.findings] == [
+        f"agent {agent} is {gap:.2f} m from its target at the end"
+        for agent, gap in zip(short.agents, gaps, strict=True)
+    ]
+
+
+def test_whole_flight_without_faults_has_no_findings() -> None:
+    assert dcf_zenoh.simulate("position_swap").findings == ()
+
+
+def test_missed_deadlines_count_from_one_in_a_hundred_on(short: Run) -> None:
+    late = short.agents[3].late.copy()
+    late[2] = True
+    run = replace(short, agents={**short.agents, 3: replace(short.agents[3], late=late)})
+    assert [each.text for each in run.findings if each.kind == "deadlines"] == [
+        "agent 3 missed 1 of 5 deadlines (20.0%)"
+    ]
+
+
+def test_messages_that_were_refused_repeated_or_overtaken_are_counted(short: Run) -> None:
+    log = short.agents[2]
+    assert log.end is not None
+    counts = {**log.end["counts"], "refused": 3, "duplicates": 4, "overtaken": 5}
+    run = replace(short, agents={**short.agents, 2: replace(log, end={**log.end, "counts": counts})})
+    assert [each.text for each in run.findings if each.kind != "not arrived"] == [
+        "agent 2 refused 3 messages: not readable, or not plausible",
+        "agent 2 received 4 messages twice: is another daemon running as one of its neighbours?",
+        "agent 2 dropped 5 messages that came after they had been given up",
+    ]
+
+
+def test_strict_makes_findings_an_exit_code(tmp_path: Path, agentd: Callable[..., Answer]) -> None:
+    words = ("simulate", "position_swap", "--set", "time.duration=0.4", "--no-report")
+    answer = agentd(*words, "--out", tmp_path / "loose")
+    assert answer.code == 0
+    assert "not arrived" in answer.out
+    answer = agentd(*words, "--strict", "--out", tmp_path / "strict")
+    assert answer.code == 6
+    assert answer.err.startswith("agentd: --strict: agent 1 is ")
+    assert answer.err.endswith(" from its target at the end; and 3 more\n")
+    assert "not arrived" in answer.out
