@@ -20,6 +20,7 @@ from dcf_zenoh.loop.phases import first_number
 from dcf_zenoh.messaging.mailbox import Limits, Mailbox
 from dcf_zenoh.plant import Array, Plant, State
 from dcf_zenoh.plugins import bind, create, load
+from dcf_zenoh.problems.geometry import SafetyRegion
 from dcf_zenoh.records.log_writer import Recorder, StepRecord
 from dcf_zenoh.requests import Loop
 from dcf_zenoh.rounds.activation import ActivationSchedule
@@ -116,11 +117,18 @@ class Blueprint:
         node_faults = NodeFaults(
             spec.agents[agent].faults, (lambda now, until: sender.away(0, now, until)) if virtual else None
         )
-        exchange = self._exchange(me, mailbox, links, sender, node_faults.slowness)
+        barrier = problem.separation if isinstance(problem, SafetyRegion) else None
+        separation = spec.safety.separation
+        checked = separation.then != "ignore" and (separation.min is not None or barrier is not None)
+        positions = checked or needs_positions(spec, self.fleet.folder)
+        exchange = self._exchange(me, mailbox, links, sender, node_faults.slowness, positions=positions)
         fleet_header = {"fleet": spec.name, "seed": spec.seed, "clock": spec.time.clock}
         recorder = Recorder(stream, agent, {**fleet_header, **header}, observe)
         options = AgentOptions(
-            getattr(problem, "distance_to_go", lambda _state: 0.0), node_faults, restart.state if restart else None
+            getattr(problem, "distance_to_go", lambda _state: 0.0),
+            node_faults,
+            barrier,
+            restart.state if restart else None,
         )
         loop = Agent(spec, me, plant, self._renewal(me, problem), exchange, recorder, options).run()
         return AgentParts(agent, plant, mailbox, links, exchange, recorder, loop)
@@ -153,6 +161,8 @@ class Blueprint:
         links: Mapping[int, FaultChain],
         sender: Sender,
         slowness: Callable[[int], float] | None,
+        *,
+        positions: bool,
     ) -> Exchange:
         """Build the exchange of one agent."""
         spec, folder = self.fleet.spec, self.fleet.folder
@@ -169,7 +179,7 @@ class Blueprint:
             time.perf_counter_ns,
             me.take_notes if spec.log.rounds else None,
             ComputeTime(nanoseconds(rounds.compute_time) if virtual else 0, slowness, virtual),
-            share_position=spec.safety.separation is not None or needs_positions(spec, folder),
+            share_position=positions,
         )
         mode = _mode(spec, rounds, me.id)
         return Exchange(me.id, me.neighbourhood, rounds, mailbox, receiver, sender, mode, options)

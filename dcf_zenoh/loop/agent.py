@@ -50,12 +50,14 @@ class AgentOptions:
     Attributes:
         distance_to_go: State -> distance to the target, m.
         node_faults: Faults of the agent itself.
+        barrier: Own position and another agent's -> barrier value h of the safety region; None: there is none.
         last_state: Last state of an agent that was restarted while its fleet was running; None: it starts with the
             fleet.
     """
 
     distance_to_go: Callable[[State], float]
     node_faults: NodeFaults
+    barrier: Callable[[Array, Array], Array] | None = None
     last_state: State | None = None
 
 
@@ -93,7 +95,7 @@ class Agent:
         self._sample_time = nanoseconds(fleet.time.sample_time)
         self._budget = nanoseconds(fleet.exchange.step_budget(fleet.time.sample_time))
         self._arrival = Arrival(fleet.time.arrived)
-        self._supervisor = Supervisor(fleet.safety, fleet.arena, fleet.time.sample_time)
+        self._supervisor = Supervisor(fleet.safety, fleet.arena, fleet.time.sample_time, options.barrier)
         self._flight = Flight(me, plant, exchange, recorder, nanoseconds(fleet.zenoh.ready_timeout))
         self._lost: dict[int, str] = {}
         self._hold_reason = ""  # set once the reaction to an alarm is hold: from then on the body stays where it is
@@ -202,7 +204,7 @@ class Agent:
         now = outcome.now
         with blaming(AlgorithmError, f"{place} round {outcome.rounds}"):
             setpoint, late = self._in_time(outcome, state, late=now > due + self._sample_time)
-        setpoint, alarms = self._supervised(setpoint, state, outcome, late=late, place=place)
+        setpoint, alarms = self._supervised(setpoint, state, outcome, step, late=late)
         if not late and (moment := due + nanoseconds(self._controller.acts_after)) > now:
             now = yield Wait(moment)
         last = self._react("decision", alarms, step, now)
@@ -238,7 +240,7 @@ class Agent:
         return last or self._react("neighbours", silent, step, now)
 
     def _supervised(
-        self, setpoint: Setpoint, state: State, outcome: Outcome[Decision], *, late: bool, place: str
+        self, setpoint: Setpoint, state: State, outcome: Outcome[Decision], step: int, *, late: bool
     ) -> tuple[Setpoint, list[Alarm]]:
         """Return the setpoint within its limits, and the supervisor's alarms on this step.
 
@@ -248,10 +250,10 @@ class Agent:
         if problem := _unsound(setpoint, outcome):
             text = f"round {outcome.rounds}: {problem}"
             if self._fleet.safety.not_finite == "land":
-                raise NumericalError(f"{place} {text}")
+                raise NumericalError(f"agent {self._me.id}: step {step} {text}")
             return Setpoint.hold(state), self._supervisor.not_finite(text)
         setpoint, alarms = self._supervisor.setpoint(setpoint, state)
-        alarms += self._supervisor.separation(state, self._exchange.positions)
+        alarms += self._supervisor.separation(state, self._exchange.positions, step)
         alarms += self._supervisor.deadline(late=late)
         if late and self._fleet.exchange.late == "land":
             alarms.append(Alarm("late", "land", "the step overran, and exchange.late says land"))

@@ -1,11 +1,13 @@
 """Safety supervisor: checks between an agent's decisions and its body, for any plant and algorithm."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
+from dcf_zenoh.diagnostics import reason
 from dcf_zenoh.plant import Array, Setpoint, State
+from dcf_zenoh.rounds.exchange import KnownPosition
 from dcf_zenoh.spec import Arena, LimitRule, Safety
 
 # What may follow from an alarm, the most severe last.
@@ -35,10 +37,19 @@ class Supervisor:
         rules: Table ``[safety]`` of the fleet file.
         arena: Bounds of the position; None: none.
         sample_time: t_s, s.
+        barrier: Own position and that of a neighbour, shape (d,), m -> barrier value h of the problem's safety region;
+            None: it has none.
     """
 
-    def __init__(self, rules: Safety, arena: Arena | None, sample_time: float) -> None:
+    def __init__(
+        self,
+        rules: Safety,
+        arena: Arena | None,
+        sample_time: float,
+        barrier: Callable[[Array, Array], Array] | None = None,
+    ) -> None:
         self._rules = rules
+        self._barrier = barrier
         self._arena = arena
         self._sample_time = sample_time
         self._late = 0
@@ -56,19 +67,31 @@ class Supervisor:
                 alarms.append(Alarm("speed", limit.then, text))
         return alarms
 
-    def separation(self, state: State, neighbours: Mapping[int, Sequence[float]]) -> list[Alarm]:
-        """Check the distances to the neighbours whose positions are known: id -> position, m."""
+    def separation(self, state: State, neighbours: Mapping[int, KnownPosition], step: int) -> list[Alarm]:
+        """Check in `step` the separation from the neighbours whose positions are known."""
         rule = self._rules.separation
-        if rule is None:
+        if rule.then == "ignore" or (rule.min is None and self._barrier is None):
             return []
         alarms = []
-        for j in sorted(neighbours):
-            size = min(len(state.position), len(neighbours[j]))
-            gap = float(np.linalg.norm(state.position[:size] - np.array(neighbours[j][:size])))
-            if gap < rule.min:
-                text = f"{gap:.3f} m from agent {j}, at least {rule.min:g} m is wanted"
+        for j, known in sorted(neighbours.items()):
+            size = min(len(state.position), len(known.position))
+            name = f"agent {j}" if known.step == step else f"agent {j} as of step {known.step}"
+            if size and (text := self._too_near(state.position[:size], np.array(known.position[:size]), name)):
                 alarms.append(Alarm("separation", rule.then, text))
         return alarms
+
+    def _too_near(self, own: Array, other: Array, name: str) -> str:
+        """Describe two positions that are too near, the other one of the agent `name`; empty if they are not."""
+        least = self._rules.separation.min
+        if least is not None:
+            gap = float(np.linalg.norm(own - other))
+            return "" if gap >= least else f"{gap:.3f} m from {name}, at least {least:g} m is wanted"
+        assert self._barrier is not None
+        try:
+            value = float(self._barrier(own, other))
+        except Exception as error:  # the code of a third party must not end a flight
+            return f"the safety region with {name} cannot be computed: {reason(error)}"
+        return "" if value >= 0 else f"in the safety region with {name}: h = {value:.3f}"
 
     def setpoint(self, setpoint: Setpoint, state: State) -> tuple[Setpoint, list[Alarm]]:
         """Return the setpoint, clipped where the rules say so, and the alarms on it."""

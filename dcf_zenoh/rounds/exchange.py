@@ -94,6 +94,21 @@ class ExchangeOptions:
     share_position: bool = False
 
 
+class KnownPosition(NamedTuple):
+    """Position of a neighbour.
+
+    Attributes:
+        step: Control step at whose beginning it was sensed.
+        position: m.
+    """
+
+    step: int
+    position: tuple[float, ...]
+
+
+NOWHERE = KnownPosition(-1, ())
+
+
 class StepExchange(NamedTuple, Generic[T]):
     """Exchange of one step, as a mode sees it.
 
@@ -191,6 +206,7 @@ class Exchange:
         self._settings = settings
         self._mailbox = mailbox
         self._receiver = receiver
+        self._positions: dict[int, KnownPosition] = {}
         self._sender = sender
         self._mode = mode
         self._options = options
@@ -288,9 +304,15 @@ class Exchange:
         return last in self._receiver.departed.values()
 
     @property
-    def positions(self) -> dict[int, tuple[float, ...]]:
-        """Neighbour -> position in its newest message of this step, m; without neighbours that send no position."""
-        return {message.sender: message.position for message in self._receiver.messages if message.position}
+    def positions(self) -> Mapping[int, KnownPosition]:
+        """Neighbour -> position in its newest message; without neighbours that have sent none.
+
+        One that falls silent keeps its last position. No message replaces a position by that of an earlier step.
+        """
+        for message in self._receiver.messages:
+            if message.position and message.step >= self._positions.get(message.sender, NOWHERE).step:
+                self._positions[message.sender] = KnownPosition(message.step, message.position)
+        return self._positions
 
     def lost_neighbours(self, now: int, lost_after: int) -> dict[int, str]:
         """Return the neighbours that died, failed, landed or have been silent for longer than `lost_after` ns.

@@ -37,10 +37,14 @@ class LimitRule(Table):
 
 
 class SeparationRule(Table):
-    """Least distance to a neighbour, and the reaction when it is closer."""
+    """Separation from each neighbour, by the positions that both sensed, and the reaction to less."""
 
-    min: PositiveFloat = Field(description="least distance, m")
-    then: Reaction = "log"
+    min: PositiveFloat | None = Field(
+        default=None, description="least distance, m; none: outside of the safety region of the problem, if it has one"
+    )
+    then: Literal["ignore", "log", "hold", "land", "stop"] = Field(
+        default="log", description="ignore: positions are not sent either"
+    )
 
 
 class LateRule(Table):
@@ -60,7 +64,5 @@ class Safety(Table):
     )
     speed: LimitRule | None = Field(default=None, description="of the body, and of setpoints")
     acceleration: LimitRule | None = Field(default=None, description="of setpoints")
-    separation: SeparationRule | None = Field(
-        default=None, description="to each neighbour, by the positions that both sensed"
-    )
+    separation: SeparationRule = Field(default_factory=SeparationRule)
     missed_deadlines: LateRule | None = None

@@ -33,6 +33,15 @@ def test_pair_in_each_others_safety_region_is_named_with_its_time_and_least_valu
     assert texts[5] == "1 more pairs were too close"
 
 
+def test_separation_is_checked_by_default_also_from_an_agent_that_is_dead() -> None:
+    crash = ["agents.2.faults.crash={at=8.0}", "problem.barrier.radii=[0.6, 0.6]", "time.duration=10.7"]
+    silent = "safety.neighbour_silent={after=0.6, then='continue'}"
+    run = dcf_zenoh.simulate("position_swap_lossy", changes=[*crash, silent])
+    alarms = [event for event in run.agents[3].events if event.get("rule") == "separation"]
+    assert [(each["step"], each["then"]) for each in alarms] == [(52, "log")]
+    assert alarms[0]["text"] == "in the safety region with agent 2 as of step 39: h = -0.000"
+
+
 def test_agent_that_did_not_arrive_is_named_with_its_distance(short: Run) -> None:
     assert kinds(short) == ["not arrived"] * 4
     gaps = [np.linalg.norm(short.positions[-1, i, :2] - short.targets[agent]) for i, agent in enumerate(short.agents)]

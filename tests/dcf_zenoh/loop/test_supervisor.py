@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 
 from dcf_zenoh.loop.supervisor import Alarm, Supervisor, most_severe
-from dcf_zenoh.plant import Setpoint, State, read_only
+from dcf_zenoh.plant import Array, Setpoint, State, read_only
+from dcf_zenoh.rounds.exchange import KnownPosition
 from dcf_zenoh.spec import Arena, Safety
 
 BOX = Arena(min=(-1.0, -2.0, 0.0), max=(1.0, 2.0, 1.5))
@@ -77,10 +78,29 @@ def test_setpoint_to_hold_has_no_limits() -> None:
 
 def test_neighbour_that_is_too_near_gives_an_alarm() -> None:
     watch = supervisor(separation={"min": 0.3, "then": "land"})
-    alarms = watch.separation(state(0.0, 0.0, 1.0), {3: (0.3, 0.0), 2: (0.0, 0.25), 4: ()})
-    assert ("separation", "land", "0.250 m from agent 2, at least 0.3 m is wanted") in alarms
-    assert len([alarm for alarm in alarms if "agent 3" in alarm.text]) == 0
-    assert supervisor().separation(state(0.0, 0.0), {2: (0.0, 0.0)}) == []
+    known = {3: KnownPosition(7, (0.3, 0.0)), 2: KnownPosition(5, (0.0, 0.25)), 4: KnownPosition(7, ())}
+    alarms = watch.separation(state(0.0, 0.0, 1.0), known, 7)
+    assert alarms == [("separation", "land", "0.250 m from agent 2 as of step 5, at least 0.3 m is wanted")]
+    assert supervisor().separation(state(0.0, 0.0), known, 7) == []
+
+
+def test_neighbour_in_the_safety_region_of_the_problem_gives_an_alarm_by_default() -> None:
+    def barrier(own: Array, other: Array) -> Array:
+        return np.abs(own - other).sum() - 1.0 if other[0] < 5 else 1 / np.zeros(0)[0]  # type: ignore[no-any-return]
+
+    watch = Supervisor(Safety(), None, 0.2, barrier)
+    known = {2: KnownPosition(7, (0.5, 0.25)), 3: KnownPosition(7, (0.5, 0.5)), 4: KnownPosition(7, (9.0, 0.0))}
+    assert watch.separation(state(0.0, 0.0), known, 7) == [
+        ("separation", "log", "in the safety region with agent 2: h = -0.250"),
+        (
+            "separation",
+            "log",
+            "the safety region with agent 4 cannot be computed: IndexError: index 0 is out of bounds for axis 0 with"
+            " size 0",
+        ),
+    ]
+    off = Supervisor(Safety.model_validate({"separation": {"then": "ignore"}}), None, 0.2, barrier)
+    assert off.separation(state(0.0, 0.0), known, 7) == []
 
 
 def test_steps_are_late_in_a_row_only_without_one_in_time_between() -> None:
