@@ -123,7 +123,7 @@ def test_a_run_whose_plugin_cannot_be_loaded_can_be_read(tmp_path: Path, caplog:
     copy = tmp_path / "run" / "plugins" / "own_region.py"
     copy.write_text("import a_package_of_another_machine\n" + copy.read_text(encoding="utf-8"), encoding="utf-8")
     again = Run.read(tmp_path / "run")
-    assert again.summary() == {**known, "min_barrier": None, "min_clearance": None}
+    assert again.summary() == {**known, "min_barrier": None, "min_clearance": None, "findings": []}
     (record,) = caplog.records
     assert "No module named 'a_package_of_another_machine'" in record.getMessage()
     assert again.geometry.unknown == record.getMessage()
