@@ -138,6 +138,7 @@ class Me:
         rng: Random numbers, seeded by the fleet's seed and `id`.
         last: Decision of the previous control step; None in the first.
         noted: Latest values given to `note`.
+        misshapen: Neighbour -> what was wrong with its last payload that `without_misshapen` took for missing.
     """
 
     id: int
@@ -146,6 +147,7 @@ class Me:
     rng: np.random.Generator
     last: Array | None = None
     noted: Mapping[str, Any] = field(default_factory=dict)
+    misshapen: dict[int, str] = field(default_factory=dict)
     _memory: Mapping[str, Any] = field(default_factory=dict)
 
     @property
@@ -206,6 +208,11 @@ class Me:
         noted, self.noted = self.noted, {}
         return noted
 
+    def take_misshapen(self) -> Mapping[int, str]:
+        """Return `misshapen` since the last call. The loop calls this once per step."""
+        found, self.misshapen = self.misshapen, {}
+        return found
+
     def result(self, decision: npt.ArrayLike, **memory: Any) -> Result:
         """Return the result of this step: the agent's decision, shape (n,), and what to recall in the next step."""
         return Result(read_only(decision), memory)
@@ -223,6 +230,42 @@ class Me:
 T = TypeVar("T")
 Dialogue: TypeAlias = Generator[tuple[Payload | PerNeighbour, float], Inbox, T]
 Algorithm: TypeAlias = Callable[[Any, Me], Dialogue[Result]]
+
+
+def without_misshapen(dialogue: Dialogue[T], me: Me) -> Dialogue[T]:
+    """Run a dialogue whose payloads have the same names and shapes at all agents; others are missing in its inboxes.
+
+    An empty payload means nothing and passes. What was wrong is kept in `Me.misshapen`.
+    """
+    try:
+        yielded = next(dialogue)
+        while True:
+            inbox = yield yielded
+            wrong = _misshapen(yielded[0], inbox)
+            if wrong:
+                me.misshapen.update(wrong)
+                right = {j: each for j, each in inbox.payloads.items() if j not in wrong}
+                inbox = inbox.replaced(inbox.own, right)
+            yielded = dialogue.send(inbox)
+    except StopIteration as end:
+        result: T = end.value
+        return result
+
+
+def _misshapen(own: Payload | PerNeighbour, inbox: Inbox) -> dict[int, str]:
+    """Return neighbour -> what is wrong with its payload, compared with what this agent sends to it."""
+    found = {}
+    for j, payload in inbox.payloads.items():
+        expected = own.payloads.get(j, payload) if isinstance(own, PerNeighbour) else own
+        if payload.keys() != expected.keys():
+            if payload:
+                found[j] = f"names {sorted(payload)}, expected {sorted(expected)}"
+            continue
+        for name, value in expected.items():
+            shape, wanted = getattr(payload[name], "shape", ()), getattr(value, "shape", ())
+            if shape != wanted:
+                found[j] = f"{name!r} of shape {shape}, expected {wanted}"
+    return found
 
 
 def solve(algorithm: Algorithm, problem: Any, me: Me) -> Dialogue[Result]:

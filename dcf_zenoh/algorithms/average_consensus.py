@@ -7,7 +7,7 @@ from dcf_zenoh.algorithms.needs import needs
 from dcf_zenoh.problems.problem import MeanProblem
 
 
-@needs(MeanProblem, doubly_stochastic=True)
+@needs(MeanProblem, doubly_stochastic=True, alike=True)
 def average_consensus(problem: MeanProblem, me: Me) -> Dialogue[Result]:
     """Find the mean of all agents' values by repeated mixing: ``x+ = sum_j w_ij x_j``.
 

@@ -6,7 +6,7 @@ from dcf_zenoh.problems.problem import ConsensusProblem
 from dcf_zenoh.spec import PositiveFloat
 
 
-@needs(ConsensusProblem, traits=("smooth", "unconstrained"), links="undirected", doubly_stochastic=True)
+@needs(ConsensusProblem, traits=("smooth", "unconstrained"), links="undirected", doubly_stochastic=True, alike=True)
 def exact_diffusion(problem: ConsensusProblem, me: Me, *, step: PositiveFloat = 0.2) -> Dialogue[Result]:
     """Adapt, correct, combine: ``psi = x - a grad f(x), phi = psi + x - psi_before, x+ = (phi + W phi) / 2``.
 

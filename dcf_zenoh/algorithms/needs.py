@@ -14,7 +14,7 @@ from typing import Annotated, Any, Literal, TypeVar, Union, cast
 
 from pydantic import Field
 
-from dcf_zenoh.algorithms.algorithm import Me
+from dcf_zenoh.algorithms.algorithm import Me, without_misshapen
 from dcf_zenoh.errors import AlgorithmError
 from dcf_zenoh.graph import Neighbourhood
 from dcf_zenoh.problems.problem import Problem
@@ -45,6 +45,7 @@ class Needs:
         links: Graphs that it accepts: any, those with links in both directions, or those with all links.
         doubly_stochastic: Whether the mixing weights must keep the mean.
         agents: Least number of agents.
+        alike: Whether payloads have the same names and shapes at all agents. Others are taken for missing.
     """
 
     algorithm: str
@@ -53,6 +54,7 @@ class Needs:
     links: Links
     doubly_stochastic: bool
     agents: int
+    alike: bool
 
     def of_problem(self, problem: object, name: str) -> str | None:
         """Return why a problem, or every problem of a class, is refused; None if it is not, or if that is unknown.
@@ -110,6 +112,7 @@ def needs(
     links: Links = "directed",
     doubly_stochastic: bool = False,
     agents: int = 1,
+    alike: bool = False,
 ) -> Callable[[F], F]:
     """Declare the preconditions of an algorithm, and check them when it is called; see `Needs` for the arguments.
 
@@ -120,7 +123,7 @@ def needs(
     """
 
     def declare(algorithm: F) -> F:
-        needed = Needs(algorithm.__name__, structures, traits, links, doubly_stochastic, agents)
+        needed = Needs(algorithm.__name__, structures, traits, links, doubly_stochastic, agents, alike)
         hints = typing.get_type_hints(algorithm, include_extras=True)
 
         @functools.wraps(algorithm)
@@ -135,7 +138,8 @@ def needs(
             )
             if wrong:
                 raise AlgorithmError(wrong if wrong.startswith(needed.algorithm) else f"{needed.algorithm}: {wrong}")
-            return algorithm(problem, me, **options)
+            dialogue = algorithm(problem, me, **options)
+            return without_misshapen(dialogue, me) if alike else dialogue
 
         checked.needs = needed  # type: ignore[attr-defined]
         return cast(F, checked)

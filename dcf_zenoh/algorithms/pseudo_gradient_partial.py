@@ -8,7 +8,7 @@ from dcf_zenoh.problems.problem import Game
 from dcf_zenoh.spec import PositiveFloat
 
 
-@needs(Game, traits=("uncoupled",), doubly_stochastic=True)
+@needs(Game, traits=("uncoupled",), doubly_stochastic=True, alike=True)
 def pseudo_gradient_partial(problem: Game, me: Me, *, step: PositiveFloat = 0.1) -> Dialogue[Result]:
     """Mix estimates X of all actions with the neighbours', and take a gradient step in the player's own row.
 

@@ -7,7 +7,7 @@ from dcf_zenoh.algorithms.needs import needs
 from dcf_zenoh.problems.problem import MeanProblem
 
 
-@needs(MeanProblem)
+@needs(MeanProblem, alike=True)
 def push_sum(problem: MeanProblem, me: Me) -> Dialogue[Result]:
     """Find the mean of all agents' values on any strongly connected graph.
 

@@ -27,7 +27,7 @@ class _Steps(NamedTuple):
     multiplier_max: float
 
 
-@needs(CoupledGame, doubly_stochastic=True)
+@needs(CoupledGame, doubly_stochastic=True, alike=True)
 def trades(
     game: CoupledGame,
     me: Me,

@@ -8,7 +8,7 @@ from dcf_zenoh.problems.problem import AggregativeGame
 from dcf_zenoh.spec import PositiveFloat
 
 
-@needs(AggregativeGame, traits=("uncoupled",), doubly_stochastic=True)
+@needs(AggregativeGame, traits=("uncoupled",), doubly_stochastic=True, alike=True)
 def trades_primal(
     game: AggregativeGame, me: Me, *, relax: Fraction = 0.6, step: PositiveFloat = 0.1
 ) -> Dialogue[Result]:

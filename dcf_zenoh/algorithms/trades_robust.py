@@ -22,7 +22,7 @@ from dcf_zenoh.spec import PositiveFloat
 _TRACKER = TrackerOptions()
 
 
-@needs(CoupledGame, links="undirected")
+@needs(CoupledGame, links="undirected", alike=True)
 def trades_robust(
     game: CoupledGame,
     me: Me,

@@ -234,7 +234,7 @@ class Agent:
             now: Fleet time, ns.
             last: Kind of goodbye that follows from the alarms so far.
         """
-        if outcome.all_arrived or self._exchange.departed(Last.ARRIVED):
+        if outcome.all_arrived or (self._arrival.ever and self._exchange.departed(Last.ARRIVED)):
             return Last.ARRIVED
         silent = self._supervisor.neighbours([f"neighbour {j} is lost ({how})" for j, how in self._lost.items()])
         return last or self._react("neighbours", silent, step, now)
@@ -255,6 +255,7 @@ class Agent:
         setpoint, alarms = self._supervisor.setpoint(setpoint, state)
         alarms += self._supervisor.separation(state, self._exchange.positions, step)
         alarms += self._supervisor.deadline(late=late)
+        alarms += self._supervisor.payloads(self._me.take_misshapen())
         if late and self._fleet.exchange.late == "land":
             alarms.append(Alarm("late", "land", "the step overran, and exchange.late says land"))
         return setpoint, alarms
@@ -332,11 +333,16 @@ class Arrival:
 
     Args:
         rule: Distance and duration; None: the agent never arrives.
+
+    Attributes:
+        ever: Whether the agent has arrived before. Otherwise no fleet of its own can have arrived, whatever a message
+            says.
     """
 
     def __init__(self, rule: Arrived | None) -> None:
         self._rule = rule
         self._since: int | None = None
+        self.ever = False
 
     def update(self, now: int, distance: float) -> bool:
         """Take in the `distance` to the target, m, at `now`, ns; return whether the agent has arrived."""
@@ -345,7 +351,9 @@ class Arrival:
             return False
         if self._since is None:
             self._since = now
-        return now - self._since >= nanoseconds(self._rule.for_)
+        arrived = now - self._since >= nanoseconds(self._rule.for_)
+        self.ever = self.ever or arrived
+        return arrived
 
 
 def _finite(state: State, place: str) -> State:

@@ -118,6 +118,13 @@ class Supervisor:
             return []
         return [Alarm("missed_deadlines", rule.then, f"{self._late} steps in a row were late")]
 
+    def payloads(self, misshapen: Mapping[int, str]) -> list[Alarm]:
+        """Return the alarms on neighbours whose payloads were taken for missing: id -> what was wrong."""
+        return [
+            Alarm("misshapen", "log", f"a payload of agent {j} was taken for missing: {text}")
+            for j, text in sorted(misshapen.items())
+        ]
+
     def neighbours(self, lost: Sequence[str]) -> list[Alarm]:
         """Return the alarm on lost neighbours, each described in words."""
         then = self._rules.neighbour_silent.then

@@ -93,7 +93,12 @@ def test_uneven_weights_are_not_doubly_stochastic_even_on_a_directed_ring() -> N
 
 def test_entries_of_another_shape_are_not_stretched_to_be_mixed() -> None:
     problems = {i: Average(value=[1.0, 2.0] if i == 3 else [float(i)]) for i in FIVE}
-    with pytest.raises(
-        AlgorithmError, match=r"entries 'x' to mix differ in shape: \(1,\) from .*, \(2,\) from agent 3"
-    ):
-        lockstep(average_consensus, problems, fleet_of(graph("ring", FIVE)), 1)
+    fleet = fleet_of(graph("ring", FIVE))
+    lockstep(average_consensus, problems, fleet, 1)
+    assert {i: me.take_misshapen() for i, me in fleet.items()} == {
+        1: {},
+        2: {3: "'x' of shape (2,), expected (1,)"},
+        3: {2: "'x' of shape (1,), expected (2,)", 4: "'x' of shape (1,), expected (2,)"},
+        4: {3: "'x' of shape (2,), expected (1,)"},
+        5: {},
+    }
