@@ -24,6 +24,7 @@ from dcf_zenoh.spec import AgentId, Switch, Table
 
 LONGEST_REQUEST = 1 << 16  # bytes
 LONGEST_ANSWER = 1 << 24
+CHANGES_MAX = 1000  # changes of faults in one life of an agent
 EVENT = "fault"  # in the log
 
 T = TypeVar("T")
@@ -211,6 +212,8 @@ class Control:
 
     def _apply(self, applied: AppliedChange) -> None:
         what = applied.change
+        if len(self._applied) >= CHANGES_MAX:
+            raise ConfigurationError(f"agent {self._agent} has changed its faults {CHANGES_MAX} times, and no more")
         if strangers := sorted(set(what.senders) - set(self._neighbours)):
             raise MessageError(
                 f"agent {self._agent} does not hear {listed(strangers)}; it hears {listed(self._neighbours)}"

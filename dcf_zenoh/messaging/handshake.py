@@ -7,6 +7,12 @@ from typing import NamedTuple
 import msgpack
 
 from dcf_zenoh.errors import MessageError, NetworkError
+from dcf_zenoh.message import BOUNDS, FieldBounds
+
+SIZE_MAX = 512  # bytes of a hello
+_INSTANT = FieldBounds(0, 2**62)  # ns UTC, until the year 2116
+HELLO_BOUNDS = (BOUNDS["sender"], FieldBounds(0, 128), _INSTANT, _INSTANT, _INSTANT, BOUNDS["incarnation"], _INSTANT)
+START_APART = 30 * 24 * 3600 * 1_000_000_000  # ns between the start of a fleet and a hello that is believed
 
 
 class Hello(NamedTuple):
@@ -39,6 +45,8 @@ class Hello(NamedTuple):
         Raises:
             MessageError: `data` is no hello, or not one of `neighbour`.
         """
+        if len(data) > SIZE_MAX:
+            raise MessageError(f"not a hello: {len(data)} bytes, at most {SIZE_MAX} are allowed")
         try:
             fields = msgpack.unpackb(data)
         except (ValueError, TypeError, msgpack.UnpackException) as error:
@@ -47,8 +55,17 @@ class Hello(NamedTuple):
             raise MessageError(f"not a hello: {fields!r:.60}")
         if fields[0] != neighbour:
             raise MessageError(f"it claims to come from agent {fields[0]}")
+        for name, value, bounds in zip(_FIELDS, fields, HELLO_BOUNDS, strict=True):
+            number = len(value) if isinstance(value, str) else value  # of the fingerprint its length
+            if not bounds.least <= number <= bounds.most:
+                raise MessageError(f"not a hello: {name} {value!r:.60}, expected {bounds.least:g} .. {bounds.most:g}")
         sender, fingerprint, sent, echo, received, incarnation, start = fields
+        if start and abs(start - at) > START_APART:
+            raise MessageError(f"not a hello: the fleet would have started {(at - start) * 1e-9 / 86400:.3g} days ago")
         return cls(sender, fingerprint, sent, echo, received, at, incarnation, start)
+
+
+_FIELDS = ("sender", "fingerprint", "sent", "echo", "received", "incarnation", "start")
 
 
 @dataclass(frozen=True)

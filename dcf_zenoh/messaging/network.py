@@ -40,6 +40,7 @@ HELLO_PERIOD = 0.02  # s between hellos to a neighbour that has not answered
 CONFIRM_WAIT = 0.2  # s that a complete handshake goes on until the neighbours are known to have their answers too
 REJOIN_WAIT = 1.0  # s that a restarted agent waits for further neighbours after the first has answered
 CLOSE_WITHIN = 1.0  # s; Zenoh itself waits up to 10 s for a neighbour that takes nothing
+EVENTS_MAX = 1000  # hellos, requests and refusals that can wait
 CHANNEL_SIZE = 4096  # messages of one neighbour that can wait; a full channel blocks the sender
 WAKE = os.urandom(16)  # payload that wakes up a thread which waits for a message
 # Two runtime threads in place of five: fewer hand-overs between sending and receiving (docs/performance.md). With a
@@ -298,7 +299,12 @@ class Network:
             return None
 
     def notify(self, event: Event) -> None:
-        """Queue `event` and wake the agent up. Callable from any thread and from signal handlers."""
+        """Queue `event` and wake the agent up. Callable from any thread and from signal handlers.
+
+        What comes from the network is dropped where `EVENTS_MAX` events wait already; hellos are repeated.
+        """
+        if isinstance(event, Hello | Refused | Command) and self._events.qsize() >= EVENTS_MAX:
+            return
         self._events.put(event)
         self._waker.poke()
 

@@ -179,6 +179,25 @@ def through_the_receiver(chance: random.Random, count: int) -> dict[str, Any]:
     return {**found, "slowest": slowest, "healed": healed, "of": len(sound)}
 
 
+def hello(chance: random.Random, sender: int) -> bytes:
+    """A hello whose fields are near and beyond their bounds, or bytes that are none."""
+    if chance.random() < 0.2:
+        return chance.randbytes(chance.randrange(700))
+    numbers = [chance.choice((-1, 0, 1, time.time_ns(), 2**20, 2**20 + 1, 2**62, 2**63)) for _ in range(5)]
+    data: bytes = msgpack.packb([sender, "f" * chance.choice((0, 1, 64, 128, 129)), *numbers])
+    return data
+
+
+def request(chance: random.Random) -> bytes:
+    """A request to change faults that no agent can carry out, or bytes that are none."""
+    if chance.random() < 0.2:
+        return chance.randbytes(chance.randrange(100))
+    kind = chance.choice(("loss", "", "x" * 100, 2**63, None))
+    senders = chance.choice(([], [99], [0] * 1000, "all", -1))
+    data: bytes = msgpack.packb({"do": chance.choice(("set", "clear", "sink")), "senders": senders, "fault": kind})
+    return data
+
+
 def through_a_fleet(chance: random.Random, folder: Path) -> dict[str, Any]:
     """Publish messages on the keys of a fleet that flies, until it has ended."""
     fleet = folder / "storm.toml"
@@ -208,6 +227,9 @@ def through_a_fleet(chance: random.Random, folder: Path) -> dict[str, Any]:
                 link = chance.choice(links)
                 publishers[link].put(storm(chance, link[0]))
                 sent += 1
+                if sent % 50 == 0:
+                    session.put(f"dcf/storm/run/hello/{link[0]}/to/{link[1]}", hello(chance, link[0]))
+                    session.get(f"dcf/storm/run/control/{link[1]}", lambda _reply: None, payload=request(chance))
                 if sent % 20 == 0:
                     time.sleep(0.002)  # agents share this machine with the storm
         finally:

@@ -128,6 +128,16 @@ def test_malformed_request_gets_an_error_and_changes_nothing(data: bytes, daemon
     assert (answer.senders, daemon.links, daemon.stream.getvalue()) == ((), {}, before)
 
 
+def test_no_number_of_changes_fills_the_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("agentd.daemon.operator_protocol.CHANGES_MAX", 3)
+    daemon = Daemon(tmp_path)
+    assert [daemon.ask(SET).error for _ in range(5)] == [
+        *[""] * 3,
+        *["agent 2 has changed its faults 3 times, and no more"] * 2,
+    ]
+    assert daemon.ask(Land()).error == ""
+
+
 @given(st.binary(max_size=60))
 def test_bytes_are_a_request_or_a_message_error(data: bytes) -> None:
     with suppress(MessageError):

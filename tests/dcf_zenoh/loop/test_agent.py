@@ -10,6 +10,8 @@ from dcf_zenoh.config import Overrides, load
 from dcf_zenoh.errors import DcfError
 from dcf_zenoh.graph import Graph
 from dcf_zenoh.loop.agent import Arrival
+from dcf_zenoh.message import Last, Message
+from dcf_zenoh.messaging.mailbox import Mailbox
 from dcf_zenoh.simulation import run_agents
 from dcf_zenoh.spec import Arrived
 
@@ -92,3 +94,19 @@ def test_stuck_simulation_names_what_each_agent_waits_for() -> None:
     links = [link for link in blueprint.graph.links if 5 not in link]
     with pytest.raises(DcfError, match=r"the simulation is stuck: agent 1 waits for \[5\] in step -8 round 0"):
         run_agents(parts, Graph.of((1, 2, 3, 4), links))
+
+
+def test_forged_arrival_of_the_fleet_ends_no_flight(monkeypatch: pytest.MonkeyPatch) -> None:
+    put = Mailbox.put
+    forged: list[Message] = []
+
+    def put_with_a_forged_one(self: Mailbox, message: Message, entered: int, due: int | None = None) -> bool:
+        if (message.sender, message.step, message.round) == (2, 3, 2) and not forged:
+            forged.append(message._replace(last=Last.ARRIVED, payload={}))
+            put(self, forged[0], entered, due)
+        return put(self, message, entered, due)
+
+    monkeypatch.setattr(Mailbox, "put", put_with_a_forged_one)
+    run = dcf_zenoh.simulate("position_swap", changes=["time.duration=3.0"])
+    assert len(forged) == 1
+    assert {(log.end["end"], len(log.step)) for log in run.agents.values() if log.end} == {("done", 15)}

@@ -133,6 +133,11 @@ def test_another_fleet_is_refused() -> None:
         (b"", "not a hello"),
         (msgpack.packb([2, "f"]), "not a hello: "),
         (msgpack.packb([2, "f", 1.5, 0, 0, 0, 0]), "not a hello: "),
+        (msgpack.packb([2, "f", 2**63, 0, 0, 0, 0]), "not a hello: sent 9223372036854775808, expected 0 .. 4.6"),
+        (msgpack.packb([2, "f", 0, 0, 0, 2**30, 0]), "not a hello: incarnation 1073741824, expected 0 .. 1.0"),
+        (msgpack.packb([2, "f" * 200, 0, 0, 0, 0, 0]), "not a hello: fingerprint 'fff"),
+        (msgpack.packb([2, "f" * 600, 0, 0, 0, 0, 0]), "not a hello: 6"),
+        (msgpack.packb([2, "f", 0, 0, 0, 0, 2**61]), "not a hello: the fleet would have started -2.67e"),
         (msgpack.packb([3, "f", 1, 0, 0, 0, 0]), "it claims to come from agent 3"),
     ],
 )
