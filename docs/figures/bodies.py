@@ -19,10 +19,10 @@ from dcf_zenoh import simulate
 from dcf_zenoh.analysis.metrics import overshoot
 from dcf_zenoh.plant import Array, Setpoint
 from dcf_zenoh.records.run import Run
-from plants.crazyflie.options import FlightOptions, Reference
+from plants.crazyflie.options import FlightOptions, Reference, lead_of
 from plants.crazyflie.simulated import Crazyflie
 
-REFERENCES: tuple[Reference, ...] = ("velocity", "planned", "integrated", "position")
+REFERENCES: tuple[Reference, ...] = ("velocity", "lead", "planned", "integrated", "position")
 MS = 1_000_000  # ns
 SAMPLE_TIME = 0.2  # s
 LATE = 0.1  # s from the measurement until the setpoint acts, as where rounds take time
@@ -51,7 +51,7 @@ def pushed(kind: Reference) -> tuple[Array, Array, Array]:
         planned = measured.velocity[0] + a * SAMPLE_TIME
         path += [body.sense((begin + tick) * MS).vector for tick in range(late)]
         acting = body.sense((begin + late) * MS)
-        last = (last if kind == "integrated" and step else acting.velocity[0]) + a * SAMPLE_TIME
+        last = (last if kind == "integrated" and step else acting.velocity[0]) + a * lead_of(kind, SAMPLE_TIME)
         told.append({"planned": planned, "position": ahead}.get(kind, last))
         body.act(Setpoint(np.array([ahead, 0.0]), np.array([planned, 0.0]), np.array([a, 0.0])), (begin + late) * MS)
         path += [body.sense((begin + tick) * MS).vector for tick in range(late, whole)]

@@ -30,7 +30,8 @@ from plants.crazyflie.options import (
     HardwareFlightOptions,
     LocalisationOptions,
     WatchdogOptions,
-    check_reference,
+    lead_of,
+    reference_for,
 )
 
 log = logging.getLogger(__name__)
@@ -116,13 +117,13 @@ class CrazyflieHardware(Plant):
             raise ValueError(f"start must be [x, y] or [x, y, z], in m, not {start.tolist()}")
         self._height = float(start[2]) if len(start) == 3 else flight.height
         check_range("height", self._height, *HEIGHT, "m")
-        check_reference(flight.reference, sample_time)
         self._bounds = flight_bounds(flight, watchdog, sample_time)
         self._name = f"agent {agent}"
         self._start = Point(float(start[0]), float(start[1]), self._height)
         self._sample_time = sample_time
         self._uri = uri
-        self._reference = flight.reference
+        self._reference = reference_for(flight.reference, sample_time)
+        self._lead = lead_of(self._reference, sample_time)
         self._placed = flight.begin == "placed"
         self._connection = connection
         self._cache = Path(connection.cache).expanduser() if connection.cache else _default_cache()
@@ -346,7 +347,7 @@ class CrazyflieHardware(Plant):
         before = self._connected().telemetry.motion.velocity[:size]
         if self._reference == "integrated" and self._velocity_reference is not None:
             before = self._velocity_reference
-        self._velocity_reference = before + acceleration * self._sample_time
+        self._velocity_reference = before + acceleration * self._lead
         return self._velocity_reference
 
     def _connected(self) -> ConnectedDrone:

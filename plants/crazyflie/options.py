@@ -1,12 +1,15 @@
 """Keys of the Crazyflie's sub-tables in a fleet file."""
 
 from dataclasses import dataclass
+from math import expm1
 from typing import Literal, TypeAlias
 
 from plants.crazyflie.flying.bounds import PositionLost, check_range, check_ranges
 
-Reference: TypeAlias = Literal["velocity", "planned", "integrated", "position"]
+Reference: TypeAlias = Literal["velocity", "lead", "planned", "integrated", "position"]
+DEFAULT = (0.2, 0.3)  # s; sample times at which "velocity" is the default reference, "lead" at others (paper: 0.2)
 FOLLOWED = (0.1, 0.3)  # s; sample times at which the reference "velocity" follows accelerations well enough
+LOOP = 4.28  # 1/s; acceleration per velocity error of the firmware's velocity loop: 25 deg/(m/s) of tilt, times gravity
 
 
 @dataclass(frozen=True)
@@ -16,17 +19,18 @@ class FlightOptions:
     Attributes:
         height: Height of the flight, in m.
         reference: Reference that the firmware follows under an acceleration a. "velocity": the velocity measured when
-            the setpoint acts, + a t_s, as in the paper. "planned": the setpoint's velocity, which problems compute from
-            the state measured at the beginning of the step. "integrated": the last reference + a t_s. "position": the
-            setpoint's position, under the firmware's position controller; it is followed slowly if it is only a step
-            ahead.
+            the setpoint acts, + a t_s, as in the paper. "lead": the same with the lead for which the firmware's
+            velocity loop gains a t_s within one sample, see `lead_of`. "planned": the setpoint's velocity, which
+            problems compute from the state measured at the beginning of the step. "integrated": the last reference
+            + a t_s. "position": the setpoint's position, under the firmware's position controller; it is followed
+            slowly if it is only a step ahead. None: "velocity" at sample times from 0.2 to 0.3 s, "lead" at others.
 
     Raises:
         ValueError: `height` is not positive.
     """
 
     height: float = 1.0
-    reference: Reference = "velocity"
+    reference: Reference | None = None
 
     def __post_init__(self) -> None:
         check_height(self.height)
@@ -49,7 +53,7 @@ class HardwareFlightOptions:
     """
 
     height: float = 0.5
-    reference: Reference = "velocity"
+    reference: Reference | None = None
     begin: Literal["go_to", "placed"] = "go_to"
     speed_max: float = 1.0
     rate: float = 50.0
@@ -143,6 +147,28 @@ def check_height(height: float) -> None:
         raise ValueError(f"height must be positive, in m, not {height}")
 
 
+def reference_for(reference: Reference | None, sample_time: float) -> Reference:
+    """Return the reference that is flown: the given one, or the default at this sample time.
+
+    Raises:
+        ValueError: The reference is "velocity", and the sample time is out of its range.
+    """
+    if reference is None:
+        return "velocity" if DEFAULT[0] - 1e-9 <= sample_time <= DEFAULT[1] + 1e-9 else "lead"
+    check_reference(reference, sample_time)
+    return reference
+
+
+def lead_of(reference: Reference, sample_time: float) -> float:
+    """Return the time, in s, by which an acceleration is multiplied to be added to a velocity.
+
+    The firmware's velocity loop is dv/dt = k (r - v) with k = `LOOP`, once the body has tilted. From v, with r held for
+    t_s, it gains (r - v) (1 - exp(-k t_s)); for a gain of a t_s the lead is t_s / (1 - exp(-k t_s)), at short sample
+    times 1 / k.
+    """
+    return sample_time / -expm1(-LOOP * sample_time) if reference == "lead" else sample_time
+
+
 def check_reference(reference: Reference, sample_time: float) -> None:
     """Check that the reference follows accelerations at this sample time.
 
@@ -162,6 +188,6 @@ def check_reference(reference: Reference, sample_time: float) -> None:
         raise ValueError(
             f"flight.reference 'velocity' needs a time.sample_time of {shortest:g} to {longest:g} s, not"
             f" {sample_time:g} s: under the measured velocity + a t_s the body accelerates by about"
-            f" {4.3 * sample_time:.2g} a, and does not brake as the plans expect; choose a sample time in this range,"
-            " or for a problem that decides on velocities or positions flight.reference 'planned' or 'position'"
+            f" {4.3 * sample_time:.2g} a, and does not brake as the plans expect; leave the reference out for one that"
+            " follows at any sample time ('lead'), or choose a sample time in this range"
         )

@@ -7,7 +7,7 @@ import numpy as np
 
 from dcf_zenoh.plant import Array, Piece, Plant, Setpoint, State, read_only
 from plants.crazyflie.model.vehicle import read
-from plants.crazyflie.options import FlightOptions, check_height, check_reference
+from plants.crazyflie.options import FlightOptions, check_height, lead_of, reference_for
 from plants.sensing import LIGHTHOUSE
 from plants.wind import Wind, WindOptions
 
@@ -70,12 +70,12 @@ class Crazyflie(Plant):
         check_height(self._height)
         if len(start) not in (2, 3):
             raise ValueError(f"start must be [x, y] or [x, y, z], in m, not {start.tolist()}")
-        check_reference(flight.reference, sample_time)
         vehicle = read(parameters)
         self._vehicle = vehicle if mass is None else vehicle.carrying(mass)
         self._on_ground = read_only([*start[:2], 0.0])
         self._sample_time = sample_time
-        self._reference = flight.reference
+        self._reference = reference_for(flight.reference, sample_time)
+        self._lead = lead_of(self._reference, sample_time)
         self._sensor = LIGHTHOUSE if sensing == "lighthouse" else None
         self._rng, gust_rng = rng.spawn(2)
         self._wind = Wind(wind, rng=gust_rng)
@@ -163,7 +163,7 @@ class Crazyflie(Plant):
         before = twin.estimate[3:]
         if self._reference == "integrated" and self._velocity_reference is not None:
             before = self._velocity_reference
-        self._velocity_reference = before + np.array([*acceleration, 0.0][:3]) * self._sample_time
+        self._velocity_reference = before + np.array([*acceleration, 0.0][:3]) * self._lead
         return self._velocity_reference[:size]
 
     def _fly_at(self, twin: "Twin", velocity: Array) -> None:

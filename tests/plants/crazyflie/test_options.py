@@ -8,6 +8,7 @@ from dcf_zenoh.config import Overrides, load
 from dcf_zenoh.errors import ConfigurationError
 from dcf_zenoh.plugins import Schema, accepted
 from plants.crazyflie.hardware import CrazyflieHardware
+from plants.crazyflie.options import LOOP, lead_of, reference_for
 from plants.crazyflie.simulated import Crazyflie
 
 HARDWARE = Overrides(plant="hardware", clock="wall")
@@ -66,17 +67,29 @@ def test_velocities_are_no_reference_at_sample_times_at_which_they_are_not_follo
         f"problem.prediction.horizon={horizon}",
     ]
     with pytest.raises(ConfigurationError) as refused:
-        load("position_swap", Overrides(plant=plant, clock=clock), changes=changes)
+        load(
+            "position_swap",
+            Overrides(plant=plant, clock=clock),
+            changes=[*changes, f"plants.{plant}.flight.reference=velocity"],
+        )
     text = f"flight.reference 'velocity' needs a time.sample_time of 0.1 to 0.3 s, not {sample_time:g} s: "
     assert all(text in problem for problem in refused.value.problems)
-    load(
-        "position_swap",
-        Overrides(plant=plant, clock=clock),
-        changes=[*changes, f"plants.{plant}.flight.reference=planned"],
-    )
+    load("position_swap", Overrides(plant=plant, clock=clock), changes=changes)
 
 
 @pytest.mark.parametrize("sample_time", [0.1, 0.15, 0.2, 0.3])
 def test_velocities_are_a_reference_at_sample_times_at_which_they_are_followed(sample_time: float) -> None:
     changes = [f"time.sample_time={sample_time}", f"exchange.budget={sample_time}"]
-    load("position_swap", Overrides(plant="twin"), changes=changes)
+    load("position_swap", Overrides(plant="twin"), changes=[*changes, "plants.twin.flight.reference=velocity"])
+
+
+def test_default_reference_is_that_of_the_paper_at_its_sample_time_and_leads_at_others() -> None:
+    assert [reference_for(None, sample_time) for sample_time in (0.1, 0.2, 0.3, 0.4)] == [
+        "lead",
+        "velocity",
+        "velocity",
+        "lead",
+    ]
+    assert lead_of("velocity", 0.05) == 0.05
+    assert lead_of("lead", 1e-6) == pytest.approx(1 / LOOP, rel=1e-4)
+    assert lead_of("lead", 5.0) == pytest.approx(5.0, rel=1e-4)

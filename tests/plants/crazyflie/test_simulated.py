@@ -111,6 +111,17 @@ def test_a_late_setpoint_acts_late() -> None:
     assert late.sense(SAMPLE).velocity[0] < 0.5 * prompt.sense(SAMPLE).velocity[0]
 
 
+@pytest.mark.parametrize("sample_time", [0.02, 0.05, 0.1, 0.5])
+def test_acceleration_is_followed_at_any_sample_time(sample_time: float) -> None:
+    """Under the reference "velocity" it flies at 0.07 m/s at 0.02 s, at 0.16 m/s at 0.05 s."""
+    body = Crazyflie(np.zeros(2), sample_time, np.random.Generator(np.random.Philox(1)))
+    body.prepare()
+    body.start(0)
+    for step in range(round(1.0 / sample_time)):
+        body.act(accelerate(1.0, 0.0), round(step * sample_time * S))
+    assert 0.8 < body.sense(S).velocity[0] < 1.15  # m/s after 1 s at 1 m/s²
+
+
 def test_it_lands() -> None:
     body = flying()
     path(body)
