@@ -27,6 +27,16 @@ def check_time(spec: FleetSpec, diagnostics: Diagnostics, notes: list[str]) -> N
             diagnostics.add(key, f"expected at most {LONGEST:g} s, not {value:g}")
     if spec.seed >= 2**63:
         diagnostics.add("seed", f"expected less than 2^63, not {spec.seed}")
+    silences = {
+        "safety.neighbour_silent.after": spec.safety.neighbour_silent.after,
+        "controller.lost_after": spec.controller_kind.options.get("lost_after"),
+    }
+    for key, value in silences.items():
+        if isinstance(value, int | float) and value < 2 * sample_time - 1e-9 and len(spec.agents) > 1:
+            notes.append(
+                f"{key}: {value:g} s is less than two control periods, {2 * sample_time:g} s: a neighbour whose"
+                " messages of one step are missing counts as lost"
+            )
     budget = rounds.step_budget(sample_time)
     if budget > sample_time:
         diagnostics.add("exchange.budget", f"expected at most time.sample_time = {sample_time:g} s, not {budget:g} s")

@@ -87,3 +87,13 @@ def test_agent_without_own_activations_follows_the_fleet(file: Path) -> None:
     activations = [(spec.activation(i).period, spec.activation(i).jitter) for i in spec.ids]
     assert activations == [(0.00375, 0.001), (0.01, 0.001), (0.00375, 0.0), (0.00375, 0.001)]
     assert load(file, changes=[*changes, "exchange.period=0.02"]).spec.activation(4).period == 0.02
+
+
+def test_silence_shorter_than_two_control_periods_is_noted(file: Path) -> None:
+    changes = ["time.sample_time=0.5", "controller.lost_after=0.9"]
+    assert [note for note in load(file, changes=changes).notes if "control periods" in note] == [
+        f"{key} s is less than two control periods, 1 s: a neighbour whose messages of one step are missing counts as"
+        " lost"
+        for key in ("safety.neighbour_silent.after: 0.6", "controller.lost_after: 0.9")
+    ]
+    assert not any("control periods" in note for note in load(file).notes)
