@@ -57,7 +57,7 @@ def run(options: Namespace) -> int:
     from agentd.daemon.daemon import Assignment, run_agent  # noqa: PLC0415
     from agentd.daemon.output import claim_stdout, detach_output  # noqa: PLC0415
     from agentd.operator_file import OperatorFile  # noqa: PLC0415
-    from dcf_zenoh.messaging.network import Address  # noqa: PLC0415
+    from dcf_zenoh.messaging.address import Address  # noqa: PLC0415
 
     status = claim_stdout() if options.supervised else None
     fleet = load_fleet(options, unused=not options.supervised)  # the launcher has checked unused tables

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from dcf_zenoh.errors import RecordingError
 
 if TYPE_CHECKING:
-    from dcf_zenoh.messaging.network import Address
+    from dcf_zenoh.messaging.address import Address
 
 NAME = "operator.json"
 

@@ -110,7 +110,7 @@ def bare(agent: int, ports: list[int], seconds: float) -> None:
         report(Measured.since(number, began, busy))
 
 
-def stack(agent: int, ports: list[int], seconds: float) -> None:
+def stack(agent: int, ports: list[int], seconds: float) -> None:  # noqa: PLR0915 - imports count
     """Run rounds with the parts of a daemon."""
     from agentd.daemon.runner import WallRunner, spare_collector  # noqa: PLC0415
     from dcf_zenoh.algorithms.algorithm import Dialogue  # noqa: PLC0415
@@ -118,8 +118,9 @@ def stack(agent: int, ports: list[int], seconds: float) -> None:
     from dcf_zenoh.graph import Graph, Neighbourhood, metropolis  # noqa: PLC0415
     from dcf_zenoh.loop.agent import Ending  # noqa: PLC0415
     from dcf_zenoh.message import Last  # noqa: PLC0415
+    from dcf_zenoh.messaging.address import Address, endpoints_to_connect  # noqa: PLC0415
     from dcf_zenoh.messaging.mailbox import Mailbox  # noqa: PLC0415
-    from dcf_zenoh.messaging.network import Address, Network, endpoints_to_connect  # noqa: PLC0415
+    from dcf_zenoh.messaging.network import Network  # noqa: PLC0415
     from dcf_zenoh.plant import NoPlant  # noqa: PLC0415
     from dcf_zenoh.records.log_writer import Recorder  # noqa: PLC0415
     from dcf_zenoh.requests import Loop, Wait  # noqa: PLC0415

@@ -23,8 +23,10 @@ from dcf_zenoh.errors import Interrupted, LogIncomplete, NetworkError, NotReady,
 from dcf_zenoh.graph import Neighbourhood
 from dcf_zenoh.loop.agent import Ending
 from dcf_zenoh.message import VERSION, Last
+from dcf_zenoh.messaging.address import Address, endpoints_to_connect
+from dcf_zenoh.messaging.events import Agreed, Stop
 from dcf_zenoh.messaging.handshake import ClockOffset
-from dcf_zenoh.messaging.network import Address, Agreed, Network, Stop, endpoints_to_connect
+from dcf_zenoh.messaging.network import Network
 from dcf_zenoh.plant import State, read_only
 from dcf_zenoh.records.agent_log import AgentLog
 from dcf_zenoh.records.log_writer import StepRecord, log_name, open_log

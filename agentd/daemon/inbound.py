@@ -6,9 +6,10 @@ from collections.abc import Callable, Mapping
 
 from dcf_zenoh.errors import MessageError, NetworkError, Stopped
 from dcf_zenoh.message import GOODBYE, Message
+from dcf_zenoh.messaging.events import Agreed, Back, Command, Lost, Refused, Stop
 from dcf_zenoh.messaging.handshake import ClockOffset, Hello
 from dcf_zenoh.messaging.mailbox import Mailbox
-from dcf_zenoh.messaging.network import CHANNEL_SIZE, Agreed, Back, Command, Lost, Network, Refused, Stop
+from dcf_zenoh.messaging.network import CHANNEL_SIZE, Network
 
 log = logging.getLogger(__name__)
 REFUSALS_LOGGED = 5  # messages, and hellos

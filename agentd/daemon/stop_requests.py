@@ -5,7 +5,8 @@ import sys
 import threading
 from contextlib import suppress
 
-from dcf_zenoh.messaging.network import Agreed, Network, Stop
+from dcf_zenoh.messaging.events import Agreed, Stop
+from dcf_zenoh.messaging.network import Network
 from dcf_zenoh.plant import Plant
 
 STOP_WITHIN = 1.0  # s that an emergency stop takes at most

@@ -24,7 +24,7 @@ from agentd.run_directory import followed, write_run_json
 from dcf_zenoh.config import LoadedFleet, freeze
 from dcf_zenoh.configuration.building.problem_and_plant import plant_classes
 from dcf_zenoh.errors import ConfigurationError, DcfError, Interrupted, RecordingError
-from dcf_zenoh.messaging.network import Address, check_settings
+from dcf_zenoh.messaging.address import Address, check_settings
 
 REACTION = 2.0  # s that other daemons have to end by themselves after one has failed
 LINGER = 30.0  # s that other daemons have to end after one has reached its planned end

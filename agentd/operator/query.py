@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from agentd.daemon.operator_protocol import Answer, decode_answer
 from agentd.operator.session import send_queries
 from dcf_zenoh.errors import MessageError
-from dcf_zenoh.messaging.network import Address
+from dcf_zenoh.messaging.address import Address
 
 TIMEOUT = 3.0  # s for the answers of all agents
 

@@ -12,7 +12,7 @@ from agentd.run_directory import read_run_json
 from dcf_zenoh.config import LoadedFleet, load
 from dcf_zenoh.diagnostics import listed, nearest
 from dcf_zenoh.errors import RecordingError
-from dcf_zenoh.messaging.network import Address
+from dcf_zenoh.messaging.address import Address
 from dcf_zenoh.records.agent_log import AgentLog, has_log
 
 RUNS = Path("runs")

@@ -14,18 +14,15 @@ hellos, liveliness tokens, messages before the start, goodbyes), UDP for the mes
 An agent subscribes to its in-neighbours only and publishes under its own id only.
 """
 
-import json
 import os
-import re
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass
 from math import inf
 from queue import Empty, SimpleQueue
 from types import TracebackType
-from typing import Any, NamedTuple, Self, TypeAlias
+from typing import Any, Self
 
 import zenoh
 from zenoh.handlers import FifoChannel
@@ -33,6 +30,8 @@ from zenoh.handlers import FifoChannel
 from dcf_zenoh.errors import MessageError, NetworkError, NotReady
 from dcf_zenoh.graph import Neighbourhood
 from dcf_zenoh.message import GOODBYE, Message, decode, encode
+from dcf_zenoh.messaging.address import Address, plain_text
+from dcf_zenoh.messaging.events import Agreed, Back, Command, Event, Lost, Refused, Stop
 from dcf_zenoh.messaging.handshake import ClockOffset, Handshake, Hello
 from dcf_zenoh.messaging.waker import Waker
 
@@ -48,137 +47,6 @@ WAKE = os.urandom(16)  # payload that wakes up a thread which waits for a messag
 os.environ.setdefault(
     "ZENOH_RUNTIME", "(app: (worker_threads: 2), rx: (handover: app), net: (handover: app), acc: (handover: app))"
 )
-
-
-class Refused(NamedTuple):
-    """Bytes on one of the agent's keys that are not a message, and why."""
-
-    key: str
-    reason: str
-
-
-class Lost(NamedTuple):
-    """The liveliness token of a neighbour is gone."""
-
-    agent: int
-
-
-class Back(NamedTuple):
-    """The liveliness token of a neighbour is there, for the first time or again."""
-
-    agent: int
-
-
-class Stop(NamedTuple):
-    """The agent has to end."""
-
-    reason: str
-
-
-class Agreed(NamedTuple):
-    """A person has agreed to the take-off."""
-
-
-class Command(NamedTuple):
-    """Request of an operator, which waits for the answer."""
-
-    request: bytes
-    reply: Callable[[bytes], None]
-
-
-Event: TypeAlias = Refused | Lost | Back | Hello | Stop | Agreed | Command
-
-
-@dataclass(frozen=True)
-class Address:
-    """Address of an agent on the network.
-
-    Attributes:
-        prefix: Start of all keys, ``dcf/<fleet>/<run>``.
-        listen: Endpoint on which the agent listens; empty: no other agent connects to it.
-        connect: Endpoints to which it connects.
-        settings: Zenoh configuration keys as paths, with their values; they override those set here.
-        send_timeout: Longest wait for room on the way to one neighbour, s; then that link is given up.
-        lease: Silence after which a neighbour gives its link to this agent up, s. Zenoh itself sends at least four
-            times as often.
-        lossy: Whether messages of rounds may be lost, where an endpoint is one of UDP.
-    """
-
-    prefix: str
-    listen: str
-    connect: tuple[str, ...]
-    settings: Mapping[str, Any]
-    send_timeout: float = 5.0
-    lease: float = 10.0
-    lossy: bool = True
-
-    @property
-    def over_udp(self) -> bool:
-        """Whether there is a link over UDP, next to one over TCP."""
-        return any(len(_links(endpoint)) > 1 for endpoint in (self.listen, *self.connect))
-
-    def config(self) -> zenoh.Config:
-        """Return the session's configuration: direct links by explicit endpoints, no scouting of any kind.
-
-        Raises:
-            NetworkError: Zenoh does not accept one of the settings.
-        """
-        config = zenoh.Config()
-        for key, value in self.entries().items():
-            _set(config, key, value)
-        return config
-
-    def entries(self) -> dict[str, Any]:
-        """Return the configuration of the session as keys, which are paths, with their values."""
-        defaults: dict[str, Any] = {
-            "mode": "peer",
-            "listen/endpoints": _links(self.listen) if self.listen else [],
-            "connect/endpoints": [link for endpoint in self.connect for link in _links(endpoint)],
-            "connect/retry": {"period_init_ms": 20, "period_max_ms": 200, "period_increase_factor": 1.5},
-            "open/return_conditions": {"connect_scouted": False, "declares": False},
-            "scouting/multicast/enabled": False,
-            "scouting/gossip/enabled": False,
-            "transport/link/tx/lease": round(self.lease * 1e3),
-            "transport/link/tx/queue/congestion_control/block/wait_before_close": round(self.send_timeout * 1e6),
-            "transport/shared_memory/enabled": False,  # a killed process would leave a file in /dev/shm
-        }
-        if self.over_udp:
-            defaults["transport/unicast/max_links"] = 2
-            for side in ("open", "accept"):  # ms; what is lost while a link is being opened is not sent again
-                defaults[f"transport/unicast/{side}_timeout"] = 1000
-        return {**defaults, **self.settings}
-
-
-def _links(endpoint: str) -> list[str]:
-    """Return the Zenoh endpoints of the links that an endpoint stands for; one with metadata stands for itself."""
-    protocol, _, rest = endpoint.partition("/")
-    if protocol != "udp" or "?" in rest:
-        return [endpoint]
-    address, hash_, options = rest.partition("#")
-    return [f"tcp/{address}?rel=1{hash_}{options}", f"udp/{address}?rel=0{hash_}{options}"]
-
-
-def check_settings(settings: Mapping[str, Any]) -> None:
-    """Check the settings of a fleet file against a configuration of Zenoh.
-
-    Raises:
-        NetworkError: Zenoh does not accept one of them.
-    """
-    config = zenoh.Config()
-    for key, value in settings.items():
-        _set(config, key, value)
-
-
-def _set(config: zenoh.Config, key: str, value: Any) -> None:
-    try:
-        config.insert_json5(key, json.dumps(value))
-    except (zenoh.ZError, TypeError) as error:
-        raise NetworkError(f"zenoh.settings.{key}: Zenoh does not accept {value!r}: {_plain(error)}") from error
-
-
-def _plain(error: Exception) -> str:
-    """Return the text of an error of Zenoh, without the places in its source."""
-    return re.sub(r"\s*\bat \S+\.rs:\d+\.?|[\[\]]", "", str(error)).strip(" .")
 
 
 class Network:
@@ -213,7 +81,7 @@ class Network:
         except zenoh.ZError as error:
             raise NetworkError(
                 f"agent {agent}: cannot listen on {address.listen}, or cannot connect to {list(address.connect)}:"
-                f" {_plain(error)}"
+                f" {plain_text(error)}"
             ) from error
         self._waker = Waker(self._wake)
         self._channels: dict[int, zenoh.Subscriber[Any]] = {}
@@ -445,8 +313,3 @@ class Network:
         self._session.declare_subscriber(key, on_hello)
         alive = f"{self._prefix}/alive/{neighbour}"
         self._session.liveliness().declare_subscriber(alive, on_liveliness, history=True)
-
-
-def endpoints_to_connect(agent: int, linked: Iterable[int], endpoints: Mapping[int, str]) -> tuple[str, ...]:
-    """Return the endpoints to which `agent` connects: of two neighbours the one with the higher id connects."""
-    return tuple(endpoints[j] for j in linked if j < agent)

@@ -31,8 +31,9 @@ def check_time(spec: FleetSpec, diagnostics: Diagnostics, notes: list[str]) -> N
         "safety.neighbour_silent.after": spec.safety.neighbour_silent.after,
         "controller.lost_after": spec.controller_kind.options.get("lost_after"),
     }
+    flies = spec.has_plants and len(spec.agents) > 1
     for key, value in silences.items():
-        if isinstance(value, int | float) and value < 2 * sample_time - 1e-9 and len(spec.agents) > 1:
+        if isinstance(value, int | float) and value < 2 * sample_time - 1e-9 and flies:
             notes.append(
                 f"{key}: {value:g} s is less than two control periods, {2 * sample_time:g} s: a neighbour whose"
                 " messages of one step are missing counts as lost"

@@ -21,17 +21,11 @@ from dcf_zenoh import Run
 from dcf_zenoh.errors import NetworkError, NotReady
 from dcf_zenoh.graph import Neighbourhood
 from dcf_zenoh.message import BYTES_MAX, VERSION, Last, Message, encode
+from dcf_zenoh.messaging.address import Address, endpoints_to_connect
+from dcf_zenoh.messaging.events import Lost, Refused, Stop
 from dcf_zenoh.messaging.handshake import ClockOffset
 from dcf_zenoh.messaging.mailbox import Mailbox
-from dcf_zenoh.messaging.network import (
-    CHANNEL_SIZE,
-    Address,
-    Lost,
-    Network,
-    Refused,
-    Stop,
-    endpoints_to_connect,
-)
+from dcf_zenoh.messaging.network import CHANNEL_SIZE, Network
 from tests.support.daemons import TRIO, Launch
 from tests.support.waiting import until
 
