@@ -37,7 +37,8 @@ class Crazyflie(Plant):
         parameters: Name of the file in `parameters`.
         mass: Total mass, in kg; the default is that of the parameters.
         flight: Height and reference.
-        sensing: "perfect", or "lighthouse": noise, bias, latency and drop-outs, with an estimator.
+        sensing: "perfect", or "lighthouse": noise, bias, latency and drop-outs, with estimators of position and
+            attitude.
         wind: Mean velocity and gusts of the air.
 
     Raises:

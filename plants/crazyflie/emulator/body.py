@@ -7,7 +7,7 @@ import numpy as np
 from dcf_zenoh.plant import Array, read_only
 from plants.crazyflie.emulator.setpoints import FirmwareSetpoint
 from plants.crazyflie.model.cascade import POSITION_EVERY, TICK, Cascade, CascadeSetpoint
-from plants.crazyflie.model.dynamics import STATES, roll_pitch_yaw
+from plants.crazyflie.model.dynamics import STATES, roll_pitch_yaw, up
 from plants.crazyflie.model.stepping import fly
 from plants.crazyflie.model.vehicle import COMMAND_MAX, Vehicle
 
@@ -38,6 +38,7 @@ class Body:
         self.tick = 0
         self.state = np.zeros(STATES)
         self.push = np.zeros(2)
+        self._tilt_error = np.zeros(2)
         self.touchdown: float | None = None
         self.place(position, yaw)
 
@@ -82,15 +83,27 @@ class Body:
         """Whether the body is above the ground."""
         return bool(self.state[2] > 0.0)
 
+    @property
+    def up(self) -> Array:
+        """Direction of the body's z axis in the world, shape (3,)."""
+        return up(self.state)
+
     def place(self, position: Array, yaw: float) -> None:
         """Put the body on the ground, at `position`, shape (2,), m, with a heading, rad."""
         self.state[:] = 0.0
         self.state[:2] = position
         self.state[5], self.state[6] = math.sin(yaw / 2), math.cos(yaw / 2)
 
-    def fly(self, setpoint: FirmwareSetpoint, estimate: Array) -> None:
-        """Simulate one slot; `estimate` is the estimated position and velocity, shape (6,), m and m/s."""
+    def fly(self, setpoint: FirmwareSetpoint, estimate: Array, tilt_error: Array) -> None:
+        """Simulate one slot.
+
+        Args:
+            setpoint: Setpoint to follow.
+            estimate: Estimated position and velocity, shape (6,), m and m/s.
+            tilt_error: Error of the estimated tilt, shape (2,), rad; see `AttitudeEstimate`.
+        """
         self.touchdown = None
+        self._tilt_error = tilt_error
         if not 0.0 < self.state[2] < NEAR + abs(self.state[9]) * SLOT:
             self._fly(setpoint, estimate, POSITION_EVERY)
         else:
@@ -110,6 +123,7 @@ class Body:
             ticks,
             CascadeSetpoint(setpoint.mode, np.array(setpoint.values)),
             estimate,
+            self._tilt_error,
             CALM,
             self._vehicle,
         )

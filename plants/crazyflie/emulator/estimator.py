@@ -1,10 +1,12 @@
-"""State estimator of the drone: position, velocity and variance."""
+"""State estimator of the drone: position, velocity, error of the attitude, and variance."""
 
 import math
 
 import numpy as np
 
 from dcf_zenoh.plant import Array
+from plants.crazyflie.emulator.body import SLOT
+from plants.crazyflie.model.attitude_estimate import AttitudeEstimate
 from plants.sensing import Estimator, Sensor
 
 # The numbers are our assumption; a real Crazyflie needs one to two seconds from a reset to a usable position.
@@ -35,6 +37,8 @@ class StateEstimator:
 
     def __init__(self, sensor: Sensor | None, position: Array, rng: np.random.Generator) -> None:
         self._estimator = Estimator(sensor, position, np.zeros(3), rng) if sensor else None
+        self._attitude = AttitudeEstimate(SLOT) if sensor else None
+        self._attitude_until = 0.0  # s for which a measured attitude still counts
         self._error = np.zeros(3)
         self._external_until = 0.0
         self._unmeasured = 0.0  # s without measurements
@@ -49,25 +53,32 @@ class StateEstimator:
         """Variance of the position, m², the same on each axis."""
         return self._variance if self.fixed_variance is None else self.fixed_variance
 
+    @property
+    def tilt_error(self) -> Array:
+        """Error of the estimated tilt along the world's x and y, shape (2,), rad; see `AttitudeEstimate`."""
+        return np.zeros(2) if self._attitude is None else self._attitude.tilt
+
     def reset(self) -> None:
         """Reset the estimate to the origin, with a large variance."""
         self._variance = VARIANCE_START
         self._error = -self.estimate[:3]
 
-    def correct(self, position: Array) -> None:
-        """Correct the estimate by a position from an external system, shape (3,), m."""
+    def correct(self, position: Array, *, attitude: bool = False) -> None:
+        """Correct the estimate by a position from an external system, shape (3,), m, perhaps with an attitude."""
         self._external_until = EXTERNAL_FOR
+        self._attitude_until = EXTERNAL_FOR if attitude else self._attitude_until
         if self._estimator is not None:
             error = position - self._estimator.estimate[:3]
             self._estimator.estimate[:3] += EXTERNAL_GAIN * error
             self._estimator.estimate[3:] += EXTERNAL_RATE * error
 
-    def step(self, position: Array, velocity: Array, duration: float, *, measured: bool) -> None:
+    def step(self, position: Array, velocity: Array, up: Array, duration: float, *, measured: bool) -> None:
         """Advance by `duration`.
 
         Args:
             position: True position at the end, shape (3,), m.
             velocity: True velocity at the end, shape (3,), m/s.
+            up: True direction of the body's z axis at the end, shape (3,).
             duration: Duration of the step, s.
             measured: The drone's own sensors measure its position.
         """
@@ -80,6 +91,11 @@ class StateEstimator:
         else:
             before, self._unmeasured = self._unmeasured, self._unmeasured + duration
             self._variance += GROWTH * (self._unmeasured**3 - before**3)
+        if self._attitude is not None:
+            self._attitude.step(velocity, up, measured=measured or self._external_until > 0)
+            self._attitude_until -= duration
+            if self._attitude_until > 0:
+                self._attitude.measure()
         if self._estimator is not None:
             self._estimator.step(position, velocity, duration, measured=measured)
         if not self.frozen:

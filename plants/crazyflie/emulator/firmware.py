@@ -110,10 +110,10 @@ class Firmware:
         self.commander.step(self.now)
         if self.now % PERIOD == 0:
             self._update_supervisor()
-        self.body.fly(self._allowed(self.commander.setpoint), self.estimator.estimate)
+        self.body.fly(self._allowed(self.commander.setpoint), self.estimator.estimate, self.estimator.tilt_error)
         self.lighthouse.step(self.now)
         measured = self.lighthouse.active != 0
-        self.estimator.step(self.body.position, self.body.velocity, SLOT, measured=measured)
+        self.estimator.step(self.body.position, self.body.velocity, self.body.up, SLOT, measured=measured)
         self.battery.step(self.body.load, SLOT)
         self._record()
         return self.log.due(self.now)

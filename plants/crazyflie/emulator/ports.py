@@ -158,7 +158,7 @@ class Ports:
         if channel == 0:
             self._firmware.estimator.correct(np.array(struct.unpack("<3f", data)))
         elif data[0] == POSE:
-            self._firmware.estimator.correct(np.array(struct.unpack("<7f", data[1:])[:3]))
+            self._firmware.estimator.correct(np.array(struct.unpack("<7f", data[1:])[:3]), attitude=True)
         elif data[0] == PERSIST:
             return self._firmware.lighthouse.persist(data)
         elif data[0] in (EMERGENCY, FEED):  # protocol versions below 12

@@ -191,3 +191,9 @@ def roll_pitch_yaw(state: Array) -> tuple[float, float, float]:
     roll = math.atan2(2 * (y * z + x * w), 1 - 2 * (x * x + y * y))
     pitch = math.asin(min(1.0, max(-1.0, -2 * (x * z - y * w))))
     return roll, pitch, math.atan2(2 * (x * y + z * w), 1 - 2 * (y * y + z * z))
+
+
+def up(state: Array) -> Array:
+    """Return the body's z axis in the world, shape (3,), a unit vector: the direction of the thrust."""
+    x, y, z, w = state[3:7].tolist()
+    return np.array([2 * (x * z + y * w), 2 * (y * z - x * w), 1 - 2 * (x * x + y * y)])

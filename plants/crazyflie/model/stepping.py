@@ -1,5 +1,7 @@
 """Simulation of a Crazyflie in flight: controller and body, tick by tick. Compiled."""
 
+import math
+
 import numpy as np
 
 from dcf_zenoh.plant import Array
@@ -17,6 +19,7 @@ def fly(
     ticks: int,
     setpoint: CascadeSetpoint,
     estimate: Array,
+    tilt_error: Array,
     wind: Array,
     vehicle: Vehicle,
 ) -> Array:
@@ -29,14 +32,20 @@ def fly(
         ticks: Number of ticks.
         setpoint: Setpoint to follow.
         estimate: Estimated position and velocity for the controller, shape (6,), m and m/s; used in ticks that are
-            multiples of `POSITION_EVERY`. Attitude and turn rates are exact.
+            multiples of `POSITION_EVERY`. Turn rates are exact.
+        tilt_error: Estimated minus true tilt along the world's x and y, shape (2,), rad; see `attitude_estimate`.
         wind: Velocity of the air, shape (3,), m/s.
         vehicle: Parameters of the vehicle.
     """
     targets = np.empty(4)
     position, velocity = estimate[:3], estimate[3:]
     for now in range(tick, tick + ticks):
-        update(cascade, now, setpoint, position, velocity, roll_pitch_yaw(state), state[10:13])
+        roll, pitch, yaw = roll_pitch_yaw(state)
+        if tilt_error[0] != 0.0 or tilt_error[1] != 0.0:
+            cosine, sine = math.cos(yaw), math.sin(yaw)
+            roll -= cosine * tilt_error[1] - sine * tilt_error[0]
+            pitch += cosine * tilt_error[0] + sine * tilt_error[1]
+        update(cascade, now, setpoint, position, velocity, (roll, pitch, yaw), state[10:13])
         for rotor in range(4):
             targets[rotor] = speed_for(cascade.motors[rotor], vehicle)
         state = on_ground(rk4(state, targets, wind, vehicle, TICK))

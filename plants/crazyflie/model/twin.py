@@ -6,6 +6,7 @@ import numpy as np
 
 from dcf_zenoh.errors import PlantError
 from dcf_zenoh.plant import Array
+from plants.crazyflie.model.attitude_estimate import AttitudeEstimate
 from plants.crazyflie.model.cascade import (
     HOVER,
     POSITION,
@@ -16,7 +17,7 @@ from plants.crazyflie.model.cascade import (
     Cascade,
     CascadeSetpoint,
 )
-from plants.crazyflie.model.dynamics import STATES, roll_pitch_yaw
+from plants.crazyflie.model.dynamics import STATES, roll_pitch_yaw, up
 from plants.crazyflie.model.stepping import fly
 from plants.crazyflie.model.vehicle import Vehicle
 from plants.sensing import Estimator, Sensor
@@ -76,6 +77,8 @@ class Twin:
             self.hover((0.0, 0.0), float(position[2]))
         self._estimator = Estimator(sensor, self.state[:3], self.state[7:10], rng) if sensor else None
         self._estimate = self._estimator.estimate.copy() if self._estimator else self._truth()
+        self._attitude = AttitudeEstimate(SLOT) if sensor else None
+        self._tilt_error = np.zeros(2)
 
     @property
     def estimate(self) -> Array:
@@ -139,6 +142,7 @@ class Twin:
                 count,
                 self._setpoint,
                 self._estimate,
+                self._tilt_error,
                 self._wind.velocity,
                 self._vehicle,
             )
@@ -188,6 +192,9 @@ class Twin:
         else:
             self._estimator.step(self.state[:3], self.state[7:10], SLOT)
             self._estimate = self._estimator.estimate.copy()
+        if self._attitude is not None:
+            self._attitude.step(self.state[7:10], up(self.state))
+            self._tilt_error = self._attitude.tilt
 
     def _truth(self) -> Array:
         return np.concatenate((self.state[:3], self.state[7:10]))

@@ -44,7 +44,9 @@ class Flight:
             count = min(10 - self.tick % 10, tick - self.tick)
             known = np.concatenate((self.state[:3], self.state[7:10]))
             command = CascadeSetpoint(mode, np.array(setpoint))
-            self.state = fly(self.state, self.cascade, self.tick, count, command, known, CALM, self.vehicle)
+            self.state = fly(
+                self.state, self.cascade, self.tick, count, command, known, np.zeros(2), CALM, self.vehicle
+            )
             self.tick += count
         return self.state
 
