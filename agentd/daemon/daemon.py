@@ -133,14 +133,7 @@ def _run_agent(fleet: LoadedFleet, task: Assignment, emergency: EmergencyStop, s
             emergency.settle(STOP_WITHIN)  # motors off before the landing begins
             network.notify(Stop(why))
 
-        control = Control(
-            task.agent,
-            fleet,
-            neighbourhood.receives_from,
-            parts.links,
-            parts.recorder,
-            end,
-        )
+        control = Control(task.agent, fleet, neighbourhood.receives_from, parts.links, parts.recorder, end)
         if restart:
             control.restore(changes_in(read_log(fleet.spec, task.folder, task.agent)))
         try:

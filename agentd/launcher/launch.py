@@ -89,22 +89,7 @@ def launch(fleet: LoadedFleet, folder: Path, on_status: OnStatus, on_message: On
     if real and not yes and not in_foreground():
         raise ConfigurationError(f"real bodies take off when a person presses a key: there is no terminal; {YES}")
     frozen = freeze(fleet, folder)
-    run_json: dict[str, Any] = {
-        "fleet": fleet.spec.name,
-        "run": folder.resolve().name,
-        "source": fleet.source,
-        "clock": fleet.spec.time.clock,
-        "launched": datetime.now(UTC).isoformat(),
-        "endpoints": free_endpoints(fleet.spec),
-    }
-    _write_run_json(folder, run_json)
-    address = Address(
-        f"dcf/{fleet.spec.name}/{run_json['run']}",
-        "",
-        tuple(run_json["endpoints"].values()),
-        fleet.spec.zenoh.settings,
-    )
-    OperatorFile.of(fleet.spec.name, fleet.spec.ids, address).write(folder)
+    run_json = _describe_run(fleet, folder)
     reaction = patience = REACTION + landing
     if fleet.spec.time.clock == "wall" and fleet.spec.safety.neighbour_silent.then in ("hold", "continue"):
         patience = fleet.spec.time.duration + landing + LINGER
@@ -121,20 +106,48 @@ def launch(fleet: LoadedFleet, folder: Path, on_status: OnStatus, on_message: On
             )
         finally:
             _end_all(daemons, failures, TERM + landing)
-            run_json["ended"] = datetime.now(UTC).isoformat()
-            run_json["exit_codes"] = {i: daemon.code for i, daemon in daemons.items()}
-            run_json["problems"] = [*failures.causes, *failures.effects]
             if (now := place()) != folder:
                 failures.add(f"{folder}: the run directory was renamed to {now}")
-            try:
-                _write_run_json(now, run_json)
-            except RecordingError as error:
-                failures.add(str(error))
+            _describe_end(now, run_json, daemons, failures)
     if interrupted is not None:
         raise Interrupted(f"stopped by {signal_name(interrupted)}", interrupted)
     if reasons := failures.causes or failures.effects:
         more = f"; and {len(reasons) - 1} more, see above" if len(reasons) > 1 else ""
         raise FleetFailed(reasons[0] + more)
+
+
+def _describe_run(fleet: LoadedFleet, folder: Path) -> dict[str, Any]:
+    """Write ``run.json`` and ``operator.json``; return the content of the first.
+
+    Raises:
+        RecordingError: The run directory cannot be written.
+    """
+    run_json: dict[str, Any] = {
+        "fleet": fleet.spec.name,
+        "run": folder.resolve().name,
+        "source": fleet.source,
+        "clock": fleet.spec.time.clock,
+        "launched": datetime.now(UTC).isoformat(),
+        "endpoints": free_endpoints(fleet.spec),
+    }
+    _write_run_json(folder, run_json)
+    prefix, endpoints = f"dcf/{fleet.spec.name}/{run_json['run']}", tuple(run_json["endpoints"].values())
+    address = Address(prefix, "", endpoints, fleet.spec.zenoh.settings)
+    OperatorFile.of(fleet.spec.name, fleet.spec.ids, address).write(folder)
+    return run_json
+
+
+def _describe_end(
+    folder: Path, run_json: dict[str, Any], daemons: Mapping[int, DaemonProcess], failures: RunFailures
+) -> None:
+    """Add the end of the run to ``run.json``, or a failure if it cannot be written."""
+    run_json["ended"] = datetime.now(UTC).isoformat()
+    run_json["exit_codes"] = {i: daemon.code for i, daemon in daemons.items()}
+    run_json["problems"] = [*failures.causes, *failures.effects]
+    try:
+        _write_run_json(folder, run_json)
+    except RecordingError as error:
+        failures.add(str(error))
 
 
 def _spawn(folder: Path, agent: int) -> DaemonProcess:
