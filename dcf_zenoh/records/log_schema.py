@@ -138,11 +138,13 @@ class Records:
             self.end = item
 
     def _take_header(self, header: dict[Any, Any]) -> None:
-        if header["schema"] not in SCHEMAS and not self.lives:
+        if header["schema"] not in SCHEMAS:
+            if self.lives:
+                raise ValueError(f"a header of schema {header['schema']!r:.20}")
             read = " and ".join(map(str, SCHEMAS))
             raise RecordingError(f"log schema {header['schema']!r:.20}; this version reads {read}")
         _Header.model_validate(header)
-        if self.lives and any(header.get(name) != self.header.get(name) for name in ("schema", *OWNER)):
+        if self.lives and any(header.get(name) != self.header.get(name) for name in OWNER):
             raise ValueError(f"a header of {owner_of(header)} in the log of {owner_of(self.header)}")
         self.header = self.header or header
         self.lives += 1

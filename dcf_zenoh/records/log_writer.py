@@ -230,12 +230,12 @@ def read_stream(data: bytes) -> Iterator[tuple[Any, int]]:
     longest = max(len(data), 1 << 20)  # a length beyond that is refused before memory is taken for it
     unpacker = msgpack.Unpacker(max_buffer_size=longest, strict_map_key=False)
     unpacker.feed(data)
-    begin, checked = 0, None
+    begin, checked = 0, False
     while True:
         try:
             item = unpacker.unpack()
-            if checked is None:  # the header
-                checked = isinstance(item, dict) and item.get("schema") == SCHEMA
+            if isinstance(item, dict) and "schema" in item:  # a header; a later life may be of a newer version
+                checked = item["schema"] == SCHEMA
             if checked:
                 checksum = zlib.crc32(memoryview(data)[begin : unpacker.tell()])
                 if (found := unpacker.unpack()) != checksum or type(found) is not int:

@@ -116,6 +116,19 @@ def test_log_of_schema_3_has_no_checksums_and_is_read(data: bytes) -> None:
     assert length_of_complete(old) == len(old)
 
 
+def test_life_of_this_version_goes_on_in_a_log_of_schema_3(data: bytes) -> None:
+    header, *others = items_of(data)
+    old = b"".join(map(msgpack.packb, [{**header, "schema": 3}, *others[:3]]))
+    both = old + repacked([header, *others[3:]])
+    log = AgentLog.read(both, "a log")
+    assert (log.damage, log.lives, log.end) == ("", 2, AgentLog.read(data, "a log").end)
+    assert np.array_equal(log.state, AgentLog.read(data, "a log").state)
+    assert length_of_complete(both) == len(both)
+    bad = bytearray(both)
+    bad[-20] ^= 1
+    assert AgentLog.read(bytes(bad), "a log").end is None
+
+
 def test_end_of_an_earlier_life_is_not_that_of_one_that_was_killed(data: bytes) -> None:
     header, *steps, end = items_of(data)
     lives = [header, *steps[:3], end, {**header, "incarnation": 1}, *steps[5:7]]
