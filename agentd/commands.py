@@ -149,7 +149,10 @@ def report(options: Namespace) -> int:
     printed and drawn is how far each agent's decision was from that, by how much all of them together violated a
     constraint, and the residual at which the rounds were stopped.
     """
+    from rich.console import Console  # noqa: PLC0415
+
     from agentd.results.report import write_oracle, write_report  # noqa: PLC0415
+    from agentd.results.summary import finding_lines  # noqa: PLC0415
 
     runs, folder = [Run.read(each) for each in options.runs], options.out or options.runs[0]
     written = write_report(runs, folder, animate=options.animate)
@@ -160,8 +163,8 @@ def report(options: Namespace) -> int:
     for path in written:
         print(path)
     for run in runs:
-        for finding in run.findings:
-            print(f"{run.name}: {finding.text}")
+        for line in finding_lines(run.name, run.findings):
+            Console().print(line, soft_wrap=True)
     check_findings(runs, options)
     return 0
 

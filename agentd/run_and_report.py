@@ -57,10 +57,16 @@ def simulate_and_report(fleet: LoadedFleet, folder: Path, options: Namespace) ->
 
     Raises:
         Landed: Agents landed before the planned end.
+        HasFindings: The run has findings, and the options allow none.
     """
     run = simulate_into(folder, fleet)
-    report_run(run, options)
-    if landed := [log.landed for log in run.agents.values() if log.landed]:
+    landed = [log.landed for log in run.agents.values() if log.landed]
+    try:
+        report_run(run, options)
+    except HasFindings:  # of a landing is known more: the reason comes first
+        if not landed:
+            raise
+    if landed:
         raise Landed("\n".join(landed))
 
 

@@ -1,10 +1,13 @@
 """Summary of a run as a table on the screen."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 from rich import box
 from rich.table import Table
+from rich.text import Text
+
+from dcf_zenoh.analysis.findings import Finding
 
 _ENDS = {  # values of `Outcome.stopped_by`, and of steps without rounds, in the order of the table
     "agreed": "by agreement",
@@ -74,8 +77,18 @@ def _findings(summary: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:
     before = ""
     for each in summary["findings"]:
         kind = each["kind"]
-        yield "" if kind == before else kind, each["text"], "bold red" if kind == "violation" else "yellow"
+        yield "" if kind == before else kind, each["text"], _style(kind)
         before = kind
+
+
+def finding_lines(name: str, findings: Iterable[Finding]) -> list[Text]:
+    """Return a line in colour for each finding on the run `name`."""
+    return [Text(f"{name}: {each.text}", style=_style(each.kind)) for each in findings]
+
+
+def _style(kind: str) -> str:
+    """Return the colour of a kind of findings."""
+    return "bold red" if kind == "violation" else "yellow"
 
 
 def _losses(lost_by: Mapping[str, Any]) -> str:

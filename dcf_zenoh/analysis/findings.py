@@ -21,7 +21,7 @@ class Finding(NamedTuple):
     """Finding on a run.
 
     Attributes:
-        kind: 'violation', 'not arrived', 'deadlines', 'refused', 'duplicates' or 'overtaken'.
+        kind: 'violation', 'incomplete', 'not arrived', 'deadlines', 'refused', 'duplicates' or 'overtaken'.
         text: Description, with agents, times and units.
     """
 
@@ -36,7 +36,7 @@ class Finding(NamedTuple):
 
 def findings_of(run: "Run") -> tuple[Finding, ...]:
     """Return the findings on a run, violations of safety regions first."""
-    return (*_violations(run), *_not_arrived(run), *_deadlines(run), *_messages(run))
+    return (*_violations(run), *_incomplete(run), *_not_arrived(run), *_deadlines(run), *_messages(run))
 
 
 def _violations(run: "Run") -> Iterator[Finding]:
@@ -51,8 +51,13 @@ def _violations(run: "Run") -> Iterator[Finding]:
         times = "" if len(own) == 1 else f", {len(own)} times"
         total, least = sum(each.duration for each in own), min(each.value for each in own)
         yield Finding("violation", f"{what} from {own[0].since:.2f} s, for {total:.2f} s{times}; least h {least:.3f}")
-    if len(pairs) > PAIRS_MAX:
-        yield Finding("violation", f"{len(pairs) - PAIRS_MAX} more pairs were too close")
+    if more := len(pairs[PAIRS_MAX:]):
+        yield Finding("violation", f"{more} more {'pair was' if more == 1 else 'pairs were'} too close")
+
+
+def _incomplete(run: "Run") -> Iterator[Finding]:
+    """Yield a finding for each agent of which not all is known: what it did then may have been anything."""
+    yield from (Finding("incomplete", text) for text in run.gaps)
 
 
 def _not_arrived(run: "Run") -> Iterator[Finding]:
@@ -67,7 +72,7 @@ def _not_arrived(run: "Run") -> Iterator[Finding]:
             if not gap <= rule.within:
                 away.append(f"agent {agent} is {gap:.2f} m from its target at the end")
     yield from (Finding("not arrived", text) for text in away)
-    if not away:
+    if not away and not run.gaps:
         text = f"the agents were not at their targets together for {rule.for_:g} s"
         yield Finding("not arrived", text)
 

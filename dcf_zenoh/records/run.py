@@ -292,9 +292,10 @@ class Run:
         """Begin of the first time in which all agents were at their targets as long as the fleet file asks, s, or None.
 
         Where the targets are not in the fleet file, because agents agree on them in flight, the ends of the logs count.
+        None if an agent has no log: whether it arrived is not known.
         """
         rule = self.fleet.time.arrived
-        if rule is None or not self.common_steps:
+        if rule is None or not self.common_steps or len(self.agents) < len(self.fleet.agents):
             return None
         if set(self.targets) != set(self.agents):
             ends = [log.end for log in self.agents.values()]

@@ -2,13 +2,17 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from io import StringIO
 from pathlib import Path
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 import dcf_zenoh
+from agentd.results.summary import finding_lines
 from dcf_zenoh import Run
+from dcf_zenoh.analysis.findings import Finding
 from tests.support.command_line import Answer
 
 
@@ -16,6 +20,12 @@ from tests.support.command_line import Answer
 def short() -> Run:
     """A flight that ends before anybody arrives."""
     return dcf_zenoh.simulate("position_swap", changes=["time.duration=1.0"])
+
+
+@pytest.fixture(scope="module")
+def whole() -> Run:
+    """A flight in which all goes well."""
+    return dcf_zenoh.simulate("position_swap")
 
 
 def kinds(run: Run) -> list[str]:
@@ -30,7 +40,7 @@ def test_pair_in_each_others_safety_region_is_named_with_its_time_and_least_valu
     assert len(texts) == 6
     assert texts[0].startswith("agents 1 and 3 were in each other's safety region from 12.07 s, for 0.")
     assert texts[0].endswith("least h -0.006")
-    assert texts[5] == "1 more pairs were too close"
+    assert texts[5] == "1 more pair was too close"
 
 
 def test_separation_is_checked_by_default_also_from_an_agent_that_is_dead() -> None:
@@ -51,8 +61,18 @@ def test_agent_that_did_not_arrive_is_named_with_its_distance(short: Run) -> Non
     ]
 
 
-def test_whole_flight_without_faults_has_no_findings() -> None:
-    assert dcf_zenoh.simulate("position_swap").findings == ()
+def test_whole_flight_without_faults_has_no_findings(whole: Run) -> None:
+    assert whole.findings == ()
+
+
+def test_agent_without_a_whole_log_is_a_finding_and_has_not_arrived(whole: Run) -> None:
+    assert whole.arrival_time is not None
+    others = {i: log for i, log in whole.agents.items() if i != 2}
+    assert replace(whole, agents=others).arrival_time is None
+    assert replace(whole, agents=others).findings == (("incomplete", "agent 2 has no log that can be read"),)
+    cut = replace(whole, agents={**whole.agents, 2: replace(whole.agents[2], end=None)})
+    text = f"agent 2's log breaks off after step {whole.agents[2].step[-1]}"
+    assert ("incomplete", text) in cut.findings
 
 
 def test_missed_deadlines_count_from_one_in_a_hundred_on(short: Run) -> None:
@@ -86,3 +106,33 @@ def test_strict_makes_findings_an_exit_code(tmp_path: Path, agentd: Callable[...
     assert answer.err.startswith("agentd: --strict: agent 1 is ")
     assert answer.err.endswith(" from its target at the end; and 3 more\n")
     assert "not arrived" in answer.out
+
+
+def test_strict_does_not_hide_why_bodies_landed(tmp_path: Path, agentd: Callable[..., Answer]) -> None:
+    rule = "safety.separation={min=9.0, then='land'}"
+    answer = agentd("simulate", "position_swap", "--set", rule, "--no-report", "--strict", "--out", tmp_path / "run")
+    assert answer.code == 1
+    assert "agentd: agent 1: step 0: " in answer.err
+    assert "at least 9 m is wanted" in answer.err
+
+
+@pytest.mark.parametrize(
+    ("variables", "before", "after"),
+    [
+        ((), "", ""),
+        (("FORCE_COLOR",), "\x1b[1;31m", "\x1b[0m"),
+        (("FORCE_COLOR", "NO_COLOR"), "\x1b[1m", "\x1b[0m"),
+    ],
+)
+def test_violation_is_red_on_a_terminal_and_bold_without_colours(
+    variables: tuple[str, ...], before: str, after: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("NO_COLOR", "FORCE_COLOR", "COLORTERM"):
+        monkeypatch.delenv(name, raising=False)
+    for name in variables:
+        monkeypatch.setenv(name, "1")
+    monkeypatch.setenv("TERM", "xterm")
+    console = Console(file=StringIO())
+    with console.capture() as printed:
+        console.print(*finding_lines("a run", [Finding("violation", "agents 1 and 2 were too close")]))
+    assert printed.get() == f"{before}a run: agents 1 and 2 were too close{after}\n"
