@@ -18,6 +18,24 @@ RSSI = 45  # -dBm
 LIGHTHOUSE_METHOD, KALMAN, PID = 1, 2, 1
 READY_TIMEOUT, LANDED_TIMEOUT = 30000, 3000  # ms
 
+# Gains of the cascade, with the firmware's defaults (`model.cascade`). Writing them has no effect.
+RATE_GAINS = {
+    "roll_kp": 250.0, "roll_ki": 500.0, "roll_kd": 2.5, "pitch_kp": 250.0, "pitch_ki": 500.0, "pitch_kd": 2.5,
+    "yaw_kp": 120.0, "yaw_ki": 16.7, "yaw_kd": 0.0,
+}  # fmt: skip
+ATTITUDE_GAINS = {
+    "roll_kp": 6.0, "roll_ki": 3.0, "roll_kd": 0.0, "pitch_kp": 6.0, "pitch_ki": 3.0, "pitch_kd": 0.0,
+    "yaw_kp": 6.0, "yaw_ki": 1.0, "yaw_kd": 0.35,
+}  # fmt: skip
+VELOCITY_GAINS = {
+    "vxKp": 25.0, "vxKi": 1.0, "vxKd": 0.0, "vyKp": 25.0, "vyKi": 1.0, "vyKd": 0.0, "vzKp": 25.0, "vzKi": 15.0,
+    "vzKd": 0.0,
+}  # fmt: skip
+POSITION_GAINS = {
+    "xKp": 2.0, "xKi": 0.0, "xKd": 0.0, "yKp": 2.0, "yKi": 0.0, "yKd": 0.0, "zKp": 2.0, "zKi": 0.5, "zKd": 0.0,
+}  # fmt: skip
+PERSISTENT = ("pid_rate.", "pid_attitude.", "velCtlPid.", "posCtlPid.", "ring.effect")  # beginnings of their names
+
 PARAMETERS = (  # name, storage format, value after power-on
     ("kalman.resetEstimation", "B", 0),
     ("kalman.initialX", "f", 0),
@@ -55,6 +73,10 @@ PARAMETERS = (  # name, storage format, value after power-on
     ("ring.effect", "B", 0),
     ("led.bitmask", "B", 0),
     ("pm.lowVoltage", "f", 3.2),
+    *((f"pid_rate.{name}", "f", value) for name, value in RATE_GAINS.items()),
+    *((f"pid_attitude.{name}", "f", value) for name, value in ATTITUDE_GAINS.items()),
+    *((f"velCtlPid.{name}", "f", value) for name, value in VELOCITY_GAINS.items()),
+    *((f"posCtlPid.{name}", "f", value) for name, value in POSITION_GAINS.items()),
     ("deck.bcLighthouse4", "B", 1),
     ("deck.bcFlow2", "B", 0),
     ("deck.bcZRanger2", "B", 0),
@@ -184,6 +206,13 @@ def parameters_of(
         "system.forceArm": set_arm,
     }
     return [
-        FirmwareParameter(name, layout, default, name.startswith("deck."), effects.get(name, no_effect))
+        FirmwareParameter(
+            name,
+            layout,
+            default,
+            fixed=name.startswith("deck."),
+            changed=effects.get(name, no_effect),
+            persistent=name.startswith(PERSISTENT),
+        )
         for name, layout, default in PARAMETERS
     ]

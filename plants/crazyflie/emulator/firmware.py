@@ -58,6 +58,7 @@ class Firmware:
         self.truth = truth
         self.healthy, self.upside_down = True, False
         self._airborne = False
+        self._stored: dict[str, float] = {}  # persistent parameters
         self._switch_on()
 
     @property
@@ -126,7 +127,8 @@ class Firmware:
         self.planner = Planner()
         self.commander = Commander(self.planner)
         self.supervisor = FirmwareSupervisor()
-        self.parameters = Parameters(parameters_of(reset_estimator=self._reset_estimator, stop=self.stop, arm=self.arm))
+        parameters = parameters_of(reset_estimator=self._reset_estimator, stop=self.stop, arm=self.arm)
+        self.parameters = Parameters(parameters, self._stored)
         self.log = LogBlocks(variables_of(self.body, self.estimator, self.battery, self.lighthouse, lambda: self.bits))
         self._ran = False
 

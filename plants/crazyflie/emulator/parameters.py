@@ -9,9 +9,10 @@ from plants.crazyflie.emulator.crtp import PARAM, Packet
 from plants.crazyflie.emulator.tables import Toc, TocEntry
 
 TABLE, READ, WRITE, MISCELLANEOUS = 0, 1, 2, 3  # channels
-SET_BY_NAME, EXTENDED_TYPE, DEFAULT_VALUE = 0, 7, 8  # requests on the last one
+SET_BY_NAME, STORE, GET_STATE, CLEAR, EXTENDED_TYPE, DEFAULT_VALUE = 0, 3, 4, 5, 7, 8  # requests on the last one
 CODES = {"b": 0, "h": 1, "i": 2, "f": 6, "B": 8, "H": 9, "I": 10}
-READ_ONLY = 0x40
+EXTENDED, READ_ONLY = 0x10, 0x40  # bits of a type
+PERSISTENT = 1  # extended type
 
 
 def no_effect(value: float) -> None:
@@ -26,6 +27,7 @@ class FirmwareParameter(NamedTuple):
         layout: Storage format, a letter of `struct` among `CODES`.
         default: Value after power-on.
         fixed: The parameter is read-only.
+        persistent: Its value can be stored over a restart.
         changed: Called with each value that is set.
     """
 
@@ -34,6 +36,7 @@ class FirmwareParameter(NamedTuple):
     default: float
     fixed: bool = False
     changed: Callable[[float], None] = no_effect
+    persistent: bool = False
 
 
 class Parameters:
@@ -41,13 +44,17 @@ class Parameters:
 
     Args:
         parameters: All parameters.
+        stored: Name -> value of the persistent parameters that are stored; it changes.
     """
 
-    def __init__(self, parameters: Sequence[FirmwareParameter]) -> None:
+    def __init__(self, parameters: Sequence[FirmwareParameter], stored: dict[str, float]) -> None:
         self._parameters = parameters
-        entries = [TocEntry(p.name, CODES[p.layout] | READ_ONLY * p.fixed) for p in parameters]
+        self._stored = stored
+        entries = [
+            TocEntry(p.name, CODES[p.layout] | READ_ONLY * p.fixed | EXTENDED * p.persistent) for p in parameters
+        ]
         self._table = Toc(PARAM, entries)
-        self._values = [p.default for p in parameters]
+        self._values = [stored.get(p.name, p.default) for p in parameters]
 
     def __getitem__(self, name: str) -> float:
         """Return the value of 'group.name'."""
@@ -91,13 +98,24 @@ class Parameters:
                 self._set(number, value[1:])  # after its type
             return [Packet(PARAM, MISCELLANEOUS, data[:1] + group + b"\0" + name + b"\0" + bytes((error,)))]
         (number,) = struct.unpack("<H", data[1:3])
-        if data[0] == DEFAULT_VALUE and number < len(self._parameters):
-            parameter = self._parameters[number]
-            value = struct.pack("<" + parameter.layout, _stored(parameter.layout, parameter.default))
-            return [Packet(PARAM, MISCELLANEOUS, data[:3] + b"\0" + value)]
-        return [
-            Packet(PARAM, MISCELLANEOUS, data[:3] + bytes((errno.ENOENT,)))
-        ]  # no parameter is stored over a restart
+        return [Packet(PARAM, MISCELLANEOUS, data[:3] + self._extended(data[0], number))]
+
+    def _extended(self, request: int, number: int) -> bytes:
+        """Return the answer to a request on a default or a persistent value: a state or an error, and values."""
+        parameter = self._parameters[number] if number < len(self._parameters) else None
+        if parameter is None or not (parameter.persistent or request == DEFAULT_VALUE):
+            return bytes((errno.ENOENT,))
+        default, stored = self._value(number, parameter.default), self._stored.get(parameter.name)
+        if request == STORE:
+            self._stored[parameter.name] = self._values[number]
+        if request == CLEAR:
+            self._stored.pop(parameter.name, None)
+        state = b"\0" + default if stored is None else b"\1" + default + self._value(number, stored)
+        answers = {
+            DEFAULT_VALUE: b"\0" + default, EXTENDED_TYPE: bytes((0, PERSISTENT)), GET_STATE: state, STORE: b"\0",
+            CLEAR: b"\0",
+        }  # fmt: skip
+        return answers.get(request, bytes((errno.ENOENT,)))
 
     def _set(self, number: int, value: bytes) -> None:
         parameter = self._parameters[number]
@@ -107,9 +125,9 @@ class Parameters:
             parameter.changed(new)
 
     def _packed(self, number: int) -> bytes:
+        return self._value(number, self._values[number])
+
+    def _value(self, number: int, value: float) -> bytes:
+        """Return a value of a parameter in its storage format."""
         layout = self._parameters[number].layout
-        return struct.pack("<" + layout, _stored(layout, self._values[number]))
-
-
-def _stored(layout: str, value: float) -> float | int:
-    return value if layout == "f" else int(value)
+        return struct.pack("<" + layout, value if layout == "f" else int(value))

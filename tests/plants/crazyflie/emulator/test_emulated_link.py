@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from cflib.crazyflie.mem import LighthouseBsCalibration, LighthouseBsGeometry, LighthouseMemHelper
+from cflib.crazyflie.param import Param
 from cflib.crtp.crtpstack import CRTPPacket
 from cflib.localization import LighthouseConfigWriter
 
@@ -30,7 +31,7 @@ LOGGED = [
 PARAMETERS = [
     *("kalman.resetEstimation", "stabilizer.controller", "stabilizer.estimator", "commander.enHighLevel"),
     *("supervisor.infdmp", "flightmode.stabModeYaw", "deck.bcLighthouse4", "deck.bcFlow2", "lighthouse.method"),
-    *("system.forceArm", "system.arm"),
+    *("system.forceArm", "system.arm", "pid_rate.roll_kp", "pid_attitude.yaw_kd", "velCtlPid.vxKp", "posCtlPid.zKi"),
 ]
 
 
@@ -66,6 +67,32 @@ def test_log_block_comes_at_its_period_in_the_types_that_were_asked_for(cf: Clie
     count = cf.received
     cf.stream(0.3, lambda: None)
     assert cf.received <= count + 1
+
+
+def test_persistent_parameter_survives_a_restart_until_it_is_cleared(drone: Emulated, tmp_path: Path) -> None:
+    drone.renew()
+    name, states, done = "pid_rate.roll_kp", [], []
+
+    def state(parameters: Param) -> None:
+        parameters.persistent_get_state(name, lambda _, found: states.append(tuple(found)))
+        until(lambda: len(states) > before, "the state")
+
+    with client(drone.uri, tmp_path) as cf:
+        before = 0
+        parameters = cf.cf.param
+        state(parameters)
+        parameters.set_value(name, 240.0)
+        parameters.persistent_store(name, lambda _, stored: done.append(stored))
+        until(lambda: bool(done), "it is stored")
+    drone.say("restart")
+    with client(drone.uri, tmp_path) as cf:
+        before = 1
+        assert float(cf.cf.param.get_value(name)) == 240.0
+        state(cf.cf.param)
+        cf.cf.param.persistent_clear(name, lambda _, cleared: done.append(cleared))
+        until(lambda: len(done) == 2, "it is cleared")
+    assert states == [(False, 250.0, None), (True, 250.0, 240.0)]
+    assert done == [True, True]
 
 
 def test_written_parameter_is_read_back_and_a_fixed_one_is_not_written(cf: Client) -> None:
