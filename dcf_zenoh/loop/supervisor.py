@@ -7,7 +7,7 @@ import numpy as np
 
 from dcf_zenoh.diagnostics import reason
 from dcf_zenoh.plant import Array, Setpoint, State
-from dcf_zenoh.rounds.exchange import KnownPosition
+from dcf_zenoh.rounds.receiver import KnownPosition
 from dcf_zenoh.spec import Arena, LimitRule, Safety
 
 # What may follow from an alarm, the most severe last.

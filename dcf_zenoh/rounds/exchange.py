@@ -15,7 +15,7 @@ from dcf_zenoh.messaging.mailbox import Mailbox
 from dcf_zenoh.requests import NEVER, Loop, Publish
 from dcf_zenoh.rounds.agreement import Agreement
 from dcf_zenoh.rounds.dialogue import DialogueRun, RoundRecord
-from dcf_zenoh.rounds.receiver import LinkCount, Note, Receiver
+from dcf_zenoh.rounds.receiver import KnownPosition, LinkCount, Note, Receiver
 from dcf_zenoh.rounds.sender import Sender, Sent
 from dcf_zenoh.spec import Rounds
 
@@ -92,21 +92,6 @@ class ExchangeOptions:
     noted: Callable[[], Mapping[str, Any]] | None = None
     compute_time: ComputeTime = ComputeTime()
     share_position: bool = False
-
-
-class KnownPosition(NamedTuple):
-    """Position of a neighbour.
-
-    Attributes:
-        step: Control step at whose beginning it was sensed.
-        position: m.
-    """
-
-    step: int
-    position: tuple[float, ...]
-
-
-NOWHERE = KnownPosition(-1, ())
 
 
 class StepExchange(NamedTuple, Generic[T]):
@@ -206,7 +191,6 @@ class Exchange:
         self._settings = settings
         self._mailbox = mailbox
         self._receiver = receiver
-        self._positions: dict[int, KnownPosition] = {}
         self._sender = sender
         self._mode = mode
         self._options = options
@@ -305,14 +289,8 @@ class Exchange:
 
     @property
     def positions(self) -> Mapping[int, KnownPosition]:
-        """Neighbour -> position in its newest message; without neighbours that have sent none.
-
-        One that falls silent keeps its last position. No message replaces a position by that of an earlier step.
-        """
-        for message in self._receiver.messages:
-            if message.position and message.step >= self._positions.get(message.sender, NOWHERE).step:
-                self._positions[message.sender] = KnownPosition(message.step, message.position)
-        return self._positions
+        """Neighbour -> its newest position that has been received; see `Receiver`."""
+        return self._receiver.positions
 
     def lost_neighbours(self, now: int, lost_after: int) -> dict[int, str]:
         """Return the neighbours that died, failed, landed or have been silent for longer than `lost_after` ns.

@@ -81,6 +81,21 @@ class _NeighbourState:
         self.finished = finished
 
 
+class KnownPosition(NamedTuple):
+    """Position of a neighbour.
+
+    Attributes:
+        step: Control step at whose beginning it was sensed.
+        position: m.
+    """
+
+    step: int
+    position: tuple[float, ...]
+
+
+NOWHERE = KnownPosition(-1, ())
+
+
 class Receiver:
     """The receiving half of one agent's exchange, round by round.
 
@@ -99,6 +114,8 @@ class Receiver:
         passed: Log entries of this step's messages.
         last_received: Neighbour -> when a message of it was last received, fleet time in ns.
         departed: Neighbour -> its goodbye, if received.
+        positions: Neighbour -> its newest position in any message received, also in a late one. No message replaces it
+            by that of an earlier step, or gives one of a step to come.
     """
 
     def __init__(
@@ -125,6 +142,7 @@ class Receiver:
         self._goodbyes: dict[int, tuple[int, int]] = {}  # neighbour -> incarnation and number of its goodbye
         self.passed: list[Note] = []
         self.last_received: dict[int, int] = {}
+        self.positions: dict[int, KnownPosition] = {}
 
     def begin(self, step: int, senders: Iterable[int], position: tuple[float, ...] = ()) -> None:
         """Begin a step.
@@ -248,6 +266,8 @@ class Receiver:
             if due > now:
                 not_due.append(delivery)
                 continue
+            if message.position and self.positions.get(j, NOWHERE).step <= message.step <= self._step:
+                self.positions[j] = KnownPosition(message.step, message.position)
             any_sign = any_sign or message.step >= 0 or self._step < 0  # messages before the start do not count later
             if self._goodbyes.get(j, _NO_GOODBYE) < (message.incarnation, message.sequence):
                 self._return(j, neighbour)

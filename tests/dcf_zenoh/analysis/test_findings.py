@@ -52,6 +52,16 @@ def test_separation_is_checked_by_default_also_from_an_agent_that_is_dead() -> N
     assert alarms[0]["text"] == "in the safety region with agent 2 as of step 39: h = -0.000"
 
 
+def test_separation_is_checked_although_every_message_is_late() -> None:
+    slow = ["faults.latency={mean=0.25}", "safety.separation={min=9.0}", "time.duration=0.8"]
+    run = dcf_zenoh.simulate("position_swap", changes=slow)
+    assert run.summary()["messages"]["late"] == run.summary()["messages"]["delivered"] > 0
+    alarm = next(event for event in run.agents[1].events if event.get("rule") == "separation")
+    assert alarm["step"] > 0
+    gap = np.linalg.norm(run.positions[alarm["step"], 0, :2] - run.positions[0, 1, :2])
+    assert alarm["text"] == f"{gap:.3f} m from agent 2 as of step 0, at least 9 m is wanted"
+
+
 def test_agent_that_did_not_arrive_is_named_with_its_distance(short: Run) -> None:
     assert kinds(short) == ["not arrived"] * 4
     gaps = [np.linalg.norm(short.positions[-1, i, :2] - short.targets[agent]) for i, agent in enumerate(short.agents)]

@@ -3,7 +3,7 @@ import pytest
 
 from dcf_zenoh.loop.supervisor import Alarm, Supervisor, most_severe
 from dcf_zenoh.plant import Array, Setpoint, State, read_only
-from dcf_zenoh.rounds.exchange import KnownPosition
+from dcf_zenoh.rounds.receiver import KnownPosition
 from dcf_zenoh.spec import Arena, Safety
 
 BOX = Arena(min=(-1.0, -2.0, 0.0), max=(1.0, 2.0, 1.5))

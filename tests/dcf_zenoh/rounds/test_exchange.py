@@ -260,3 +260,15 @@ def test_goodbye_is_revoked_by_what_follows_it() -> None:
     assert [3 in inbox and inbox.fresh(3) for inbox in outcome.result] == [True, False, False, True, True]
     assert bench.exchange.lost_neighbours(0, NEVER) == {}
     assert not bench.exchange.departed(Last.LANDED)
+
+
+def test_known_position_is_the_newest_received_and_never_set_back_or_ahead() -> None:
+    bench = Bench(lambda j, p: None, round_timeout=0.01, missing="hold")
+    known = []
+    for step, sequence, position in ((4, 1, (1.0, 0.0)), (2, 2, (9.0, 9.0)), (5, 3, (2.0, 0.0)), (7, 4, (9.0, 9.0))):
+        message = Message(2, 0, sequence, step, 1, 0, -1, -1, 0, Last.NO, (math.inf,), (), {"x": 0.0})
+        bench.mailbox.put(message._replace(position=position), bench.now)
+        bench.mailbox.skip_gaps()
+        bench.run(listener(1), step=6)
+        known.append(bench.exchange.positions[2])
+    assert known == [(4, (1.0, 0.0)), (4, (1.0, 0.0)), (5, (2.0, 0.0)), (5, (2.0, 0.0))]
