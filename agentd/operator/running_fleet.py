@@ -65,9 +65,13 @@ class RunningFleet:
 
     @cached_property
     def over(self) -> bool:
-        """Whether all agents have ended, as far as the directory shows."""
+        """Whether all agents have ended, as far as the directory shows.
+
+        An agent that was started again by hand may fly on after its launcher has ended.
+        """
         if self.run_json.get("endpoints"):
-            return "ended" in self.run_json
+            flying = any(log.lives > 1 and log.end is None for log in self.logs.values())
+            return "ended" in self.run_json and not flying
         return len(self.logs) == len(self.fleet.spec.ids) and all(log.end for log in self.logs.values())
 
     @property

@@ -3,6 +3,7 @@
 import io
 import os
 import re
+import shutil
 import signal
 from collections.abc import Callable
 from contextlib import redirect_stderr, redirect_stdout
@@ -411,3 +412,13 @@ def test_rules_of_the_file_that_would_be_overruled_are_named(
     assert err.startswith(
         "agentd: note: with these rules at the end of the fleet file: faults.rule.2.loss: never acts, as faults.rule.3"
     )
+
+
+def test_run_is_not_over_while_an_agent_that_was_started_again_flies(tmp_path: Path, flight: Flight) -> None:
+    folder = tmp_path / "run"
+    shutil.copytree(flight.folder, folder)
+    assert RunningFleet.read(folder).over
+    stream = folder / "agent-2.msgpack"
+    header, *_ = (item for item, _ in read_stream(stream.read_bytes()))
+    stream.write_bytes(stream.read_bytes() + packed({**header, "incarnation": 1}))
+    assert not RunningFleet.read(folder).over
