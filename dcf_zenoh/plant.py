@@ -114,6 +114,14 @@ class Plant(ABC):
         """Return the thing that a `value` of one of `own_keys` names, equal for two values that name the same thing."""
         return value
 
+    @classmethod
+    def device(cls, key: str, value: object) -> str:  # noqa: ARG003
+        """Return the name of the device that a `value` of one of `own_keys` uses, such as ``radio 0``; empty if none.
+
+        It is a device of the computer on which the agent runs, that only one process can open.
+        """
+        return ""
+
     def prepare(self) -> Pauses:
         """Connect; nothing moves. Called once, before any other method."""
 

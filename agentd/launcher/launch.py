@@ -23,8 +23,10 @@ from agentd.operator_file import OperatorFile
 from agentd.run_directory import followed, write_run_json
 from dcf_zenoh.config import LoadedFleet, freeze
 from dcf_zenoh.configuration.building.problem_and_plant import plant_classes
+from dcf_zenoh.configuration.checks.bodies import shared_devices
 from dcf_zenoh.errors import ConfigurationError, DcfError, Interrupted, RecordingError
 from dcf_zenoh.messaging.address import Address, check_settings
+from dcf_zenoh.plugins import load
 
 REACTION = 2.0  # s that other daemons have to end by themselves after one has failed
 LINGER = 30.0  # s that other daemons have to end after one has reached its planned end
@@ -77,9 +79,10 @@ def launch(fleet: LoadedFleet, folder: Path, on_status: OnStatus, on_message: On
     Raises:
         FleetFailed: An agent failed.
         Interrupted: A signal stopped the fleet.
-        NetworkError: Zenoh rejects a setting of the fleet file.
+        NetworkError: Zenoh rejects a setting of the fleet file, or an agent cannot listen at its endpoint.
         RecordingError: The run directory cannot be written before the start.
-        ConfigurationError: The take-off of real bodies needs consent, and there is no terminal.
+        ConfigurationError: The take-off of real bodies needs consent, and there is no terminal; or two of them use one
+            device of this machine.
     """
     on_status, on_message = _without_output_errors(on_status), _without_output_errors(on_message)
     check_settings(fleet.spec.zenoh.settings)
@@ -88,8 +91,11 @@ def launch(fleet: LoadedFleet, folder: Path, on_status: OnStatus, on_message: On
     landing = max((plant.landing_time for plant in plants), default=0.0)
     if real and not yes and not in_foreground():
         raise ConfigurationError(f"real bodies take off when a person presses a key: there is no terminal; {YES}")
+    for each in shared_devices(fleet.spec, lambda kind: load("plants", kind, fleet.folder)):
+        raise ConfigurationError(f"{each.key}: {each.text}", fleet.source)
+    endpoints = free_endpoints(fleet.spec)
     frozen = freeze(fleet, folder)
-    run_json = _describe_run(fleet, folder)
+    run_json = _describe_run(fleet, folder, endpoints)
     reaction = patience = REACTION + landing
     if fleet.spec.time.clock == "wall" and fleet.spec.safety.neighbour_silent.then in ("hold", "continue"):
         patience = fleet.spec.time.duration + landing + LINGER
@@ -116,7 +122,7 @@ def launch(fleet: LoadedFleet, folder: Path, on_status: OnStatus, on_message: On
         raise FleetFailed(reasons[0] + more)
 
 
-def _describe_run(fleet: LoadedFleet, folder: Path) -> dict[str, Any]:
+def _describe_run(fleet: LoadedFleet, folder: Path, endpoints: Mapping[int, str]) -> dict[str, Any]:
     """Write ``run.json`` and ``operator.json``; return the content of the first.
 
     Raises:
@@ -128,11 +134,11 @@ def _describe_run(fleet: LoadedFleet, folder: Path) -> dict[str, Any]:
         "source": fleet.source,
         "clock": fleet.spec.time.clock,
         "launched": datetime.now(UTC).isoformat(),
-        "endpoints": free_endpoints(fleet.spec),
+        "endpoints": endpoints,
     }
     _write_run_json(folder, run_json)
-    prefix, endpoints = f"dcf/{fleet.spec.name}/{run_json['run']}", tuple(run_json["endpoints"].values())
-    address = Address(prefix, "", endpoints, fleet.spec.zenoh.settings)
+    prefix = f"dcf/{fleet.spec.name}/{run_json['run']}"
+    address = Address(prefix, "", tuple(endpoints.values()), fleet.spec.zenoh.settings)
     OperatorFile.of(fleet.spec.name, fleet.spec.ids, address).write(folder)
     return run_json
 

@@ -74,6 +74,16 @@ class Fault(ABC):
         """
 
     @property
+    def least_delay(self) -> float:
+        """Shortest time by which the fault delays a message, s; 0 if that is not known."""
+        return 0.0
+
+    @property
+    def usual_delay(self) -> float:
+        """Typical time by which the fault delays a message, s; 0 if that is not known."""
+        return 0.0
+
+    @property
     def unmet(self) -> str:
         """Description of what the fault should act on and no message had; empty if there is nothing to report."""
         return ""

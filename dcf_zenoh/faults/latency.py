@@ -1,6 +1,6 @@
 """Latency: messages take time to get to the receiver."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
@@ -67,11 +67,25 @@ class Latency(Fault):
         given = {"mean": mean, "low": low, "high": high, "std": std, "file": file}
         values = _belonging(distribution, given)
         if distribution == "empirical":
-            self._draw = _empirical(link.folder / values["file"], link.sender, link.receiver)
+            tables = _measured(link.folder / values["file"], link.sender, link.receiver)
+            self._draw = _empirical(tables)
+            self._least, self._usual = min(each[0] for each in tables), max(each[len(each) // 2] for each in tables)
         else:
             self._draw = _DRAWS[distribution](**values)
+            self._least = (mean if distribution == "constant" else low) or 0.0
+            self._usual = mean or ((low or 0.0) + (high or 0.0)) / 2
         self._reorder = reorder
         self._latest = -(2**63)  # latest due instant so far, ns
+
+    @property
+    def least_delay(self) -> float:
+        """Shortest latency, s."""
+        return self._least
+
+    @property
+    def usual_delay(self) -> float:
+        """Mean latency, s; of a measured link, its median."""
+        return self._usual
 
     def apply(self, delivery: Delivery, rng: np.random.Generator) -> tuple[Delivery]:
         """Delay the message."""
@@ -132,11 +146,15 @@ def _gamma(mean: float, std: float) -> Draw:
     return lambda rng: rng.gamma(shape, scale)
 
 
-def _empirical(path: Path, sender: int, receiver: int) -> Draw:
-    """Return a draw from the inverse of the distribution function, linear between quantiles."""
+def _measured(path: Path, sender: int, receiver: int) -> list[tuple[float, ...]]:
+    """Return the quantiles of a link in a profile; for a link that was not measured, those of all links."""
     profiles = read_profile(path)
     own = [each for each in profiles if (each.sender, each.receiver) == (sender, receiver)]
-    tables = [each.latency for each in own or profiles]
+    return [each.latency for each in own or profiles]
+
+
+def _empirical(tables: Sequence[Sequence[float]]) -> Draw:
+    """Return a draw from the inverse of the distribution function, linear between quantiles."""
 
     def draw(rng: np.random.Generator) -> float:
         index, probability = divmod(rng.random() * len(tables), 1)  # one number: table and place in it

@@ -16,7 +16,7 @@ from dcf_zenoh.plant import Array, Check, Plant, Setpoint, State
 from plants.crazyflie.connection.connecting import connect
 from plants.crazyflie.connection.link import Link
 from plants.crazyflie.connection.outbox import POLL
-from plants.crazyflie.connection.uri import check_uri, drone_of
+from plants.crazyflie.connection.uri import check_uri, drone_of, radio_of
 from plants.crazyflie.flying.autopilot import Autopilot
 from plants.crazyflie.flying.bounds import HEIGHT, Bounds, check_range
 from plants.crazyflie.flying.geometry import install
@@ -139,6 +139,11 @@ class CrazyflieHardware(Plant):
     def owned(cls, key: str, value: object) -> object:  # noqa: ARG003 - the only key is uri
         """Return a key of the drone, independent of the radio that reaches it."""
         return drone_of(str(value))
+
+    @classmethod
+    def device(cls, key: str, value: object) -> str:  # noqa: ARG003 - the only key is uri
+        """Return the radio that reaches the drone."""
+        return radio_of(str(value))
 
     def prepare(self) -> Iterator[float]:
         """Connect and start the telemetry; `connection.timeout` at most, typically 0.5 s with the tables in the cache.

@@ -18,6 +18,8 @@ during = [4.0, 4.5]        # s
 partition = [[1, 2], [3, 4]]
 """
 
+BEARS_LOSS = "controller.sharing=piggyback"  # otherwise a note on loss is added
+
 # Third-party faults: one that reads a file, one that names agents, one that loses nothing and refuses a link.
 MINE = '''
 from dcf_zenoh.faults.fault import Fault, Stage

@@ -6,11 +6,13 @@ from typing import Any
 
 from dcf_zenoh.configuration.building.graph import draw, weights_of
 from dcf_zenoh.configuration.checks.agent_faults import check_agent_faults
-from dcf_zenoh.configuration.checks.bodies import check_arena, check_body
+from dcf_zenoh.configuration.checks.bodies import check_arena, check_body, shared_devices
+from dcf_zenoh.configuration.checks.endpoints import check_endpoints
 from dcf_zenoh.configuration.checks.layouts import check_layout
 from dcf_zenoh.configuration.checks.link_faults import check_link_faults
 from dcf_zenoh.configuration.checks.needs import check_needs
 from dcf_zenoh.configuration.checks.plugin_lookup import PluginLookup
+from dcf_zenoh.configuration.checks.round_times import check_round_times
 from dcf_zenoh.configuration.checks.times import check_activations, check_time, check_timeout
 from dcf_zenoh.configuration.checks.values import check_values
 from dcf_zenoh.diagnostics import Diagnostics, listed, nearest
@@ -38,10 +40,13 @@ def check(
     check_arena(spec, diagnostics)
     check_time(spec, diagnostics, notes)
     check_activations(spec, diagnostics, notes)
-    _check_endpoints(spec, diagnostics)
+    check_endpoints(spec, diagnostics, notes)
     lookup = PluginLookup(folder, run_plugins, diagnostics, notes)
     _check_problem(spec, lookup)
     _check_plants(spec, lookup, unused=unused)
+    if not diagnostics:
+        shared = shared_devices(spec, lambda kind: lookup.plugin("plants", kind))
+        notes += [f"{each.key}: {each.text}" for each in shared if not each.apart]
     lookup.check("algorithms", spec.algorithm, "algorithm")
     for name, kind in spec.algorithms.items():
         if unused and kind != spec.algorithm:
@@ -58,6 +63,7 @@ def check(
     check_needs(spec, folder, graph, diagnostics, run_plugins=run_plugins)
     losers = [*check_link_faults(spec, graph, lookup), *check_agent_faults(spec, diagnostics, notes)]
     check_timeout(spec, diagnostics, losers)
+    check_round_times(spec, folder, graph, diagnostics, notes, losers)
 
 
 def _check_plant_names(spec: FleetSpec, diagnostics: Diagnostics) -> None:
@@ -102,18 +108,6 @@ def _check_starts(spec: FleetSpec, diagnostics: Diagnostics) -> None:
                 f"agents.{agent}.start",
                 f"expected {first[1]} components as in agents.{first[0]}.start, not {len(own.start)}",
             )
-
-
-def _check_endpoints(spec: FleetSpec, diagnostics: Diagnostics) -> None:
-    owners: dict[str, int] = {}
-    for agent, own in spec.agents.items():
-        if own.endpoint in owners:
-            diagnostics.add(
-                f"agents.{agent}.endpoint",
-                f"{own.endpoint} is taken by agent {owners[own.endpoint]}; each needs its own",
-            )
-        if own.endpoint is not None:
-            owners[own.endpoint] = agent
 
 
 def _check_problem(spec: FleetSpec, lookup: PluginLookup) -> None:

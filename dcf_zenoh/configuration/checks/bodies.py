@@ -1,8 +1,9 @@
 """Checks of the plants of a fleet: positions in the arena, real hardware, keys that no two agents may share."""
 
-from collections.abc import Iterable, Mapping
-from typing import Any
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from typing import Any, NamedTuple
 
+from dcf_zenoh.configuration.checks.endpoints import host_of
 from dcf_zenoh.diagnostics import Diagnostics
 from dcf_zenoh.plugins import Schema, accepted
 from dcf_zenoh.spec import FleetSpec
@@ -65,6 +66,42 @@ def check_body(
                 key = f"agents.{agent}.plants.{name}.{option}"
                 diagnostics.add(key, f"{value!r} is taken by agent {owners[taken]}; each needs its own")
             owners.setdefault(taken, agent)
+
+
+class SharedDevice(NamedTuple):
+    """Device that the bodies of two agents use.
+
+    Attributes:
+        key: Key of the fleet file that names it for the second agent.
+        text: Description.
+        apart: Whether the endpoints of the two agents are on different hosts, each of which has such a device.
+    """
+
+    key: str
+    text: str
+    apart: bool
+
+
+def shared_devices(spec: FleetSpec, plugin_of: Callable[[str], object]) -> Iterator[SharedDevice]:
+    """Yield the devices that several agents use, such as the radio of two drones.
+
+    Args:
+        spec: Specification of the fleet.
+        plugin_of: Returns the class of a kind of plant; None if it is not known.
+    """
+    owners: dict[str, int] = {}
+    for agent in spec.ids:
+        plant = spec.agent(agent).plant
+        plugin = plugin_of(plant.kind) if plant else None
+        for key in getattr(plugin, "own_keys", ()) if hasattr(plugin, "device") else ():
+            value = plant.options.get(key) if plant else None
+            device = "" if value is None else plugin.device(key, value)  # type: ignore[attr-defined]
+            owner = owners.setdefault(device, agent) if device else agent
+            if owner != agent:
+                name = spec.agents[agent].plant or spec.plant
+                text = f"{device} is used by agent {owner}, too: on one computer each agent needs its own"
+                hosts = {host_of(spec.agents[i].endpoint or "") for i in (owner, agent)}
+                yield SharedDevice(f"agents.{agent}.plants.{name}.{key}", text, apart=len(hosts) > 1)
 
 
 def _check_height(plugin: object, spec: FleetSpec, diagnostics: Diagnostics, name: str, users: Iterable[int]) -> None:

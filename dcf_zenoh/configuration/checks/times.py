@@ -6,6 +6,7 @@ from math import floor, log10
 from dcf_zenoh.diagnostics import Diagnostics, listed
 from dcf_zenoh.spec import FleetSpec
 
+LIKELY_MS = 5.0  # control periods, budgets and time-outs of as many s are likely meant in ms
 LONGEST = 1e8  # s; about three years
 WALL_ROUND = 2e-3  # s; about a round on the wall clock: a shorter time-out loses messages that are only late
 
@@ -38,9 +39,23 @@ def check_time(spec: FleetSpec, diagnostics: Diagnostics, notes: list[str]) -> N
                 f"{key}: {value:g} s is less than two control periods, {2 * sample_time:g} s: a neighbour whose"
                 " messages of one step are missing counts as lost"
             )
+    if sample_time > spec.time.duration and spec.has_plants:
+        diagnostics.add(
+            "time.sample_time",
+            f"expected at most time.duration = {spec.time.duration:g} s, not {sample_time:g} s{_in_ms(sample_time)}",
+        )
     budget = rounds.step_budget(sample_time)
     if budget > sample_time:
-        diagnostics.add("exchange.budget", f"expected at most time.sample_time = {sample_time:g} s, not {budget:g} s")
+        diagnostics.add(
+            "exchange.budget",
+            f"expected at most time.sample_time = {sample_time:g} s, not {budget:g} s{_in_ms(budget)}",
+        )
+    if rounds.round_timeout is not None and rounds.round_timeout > budget and rounds.mode == "synchronous":
+        notes.append(
+            f"exchange.round_timeout: {rounds.round_timeout:g} s is longer than the budget of a step, {budget:g} s,"
+            f" so it never acts{_in_ms(rounds.round_timeout)}"
+        )
+        return
     if rounds.mode == "asynchronous" or rounds.round_timeout is None:
         return
     if rounds.max_rounds * rounds.round_timeout > budget * (1 + 1e-9):
@@ -49,6 +64,11 @@ def check_time(spec: FleetSpec, diagnostics: Diagnostics, notes: list[str]) -> N
             f"exchange: worst case {rounds.max_rounds} x {rounds.round_timeout * 1e3:g} ms = {worst:.3f} s"
             f" > budget {budget:.3f} s: a step may end by time, not by agreement"
         )
+
+
+def _in_ms(value: float) -> str:
+    """Return a hint at the unit if `value`, in s, looks like a number of ms."""
+    return f" (times are in s; {value:g} ms are {value / 1e3:g})" if value >= LIKELY_MS else ""
 
 
 def check_activations(spec: FleetSpec, diagnostics: Diagnostics, notes: list[str]) -> None:

@@ -9,6 +9,7 @@ from dcf_zenoh.configuration.reading.fault_shorthand import FaultShorthand, is_f
 from dcf_zenoh.configuration.reading.fleet_file import find, parse
 from dcf_zenoh.configuration.reading.overrides import Overrides, path_of, value_of, with_plain_id
 from dcf_zenoh.diagnostics import Diagnostics, listed, nearest, show
+from dcf_zenoh.message import BOUNDS
 from dcf_zenoh.plugins import known, split
 from dcf_zenoh.spec import Topology, default_controller
 
@@ -160,6 +161,10 @@ class Draft:
             _, plain = with_plain_id(("agents", key))
             if not (plain.isascii() and plain.isdecimal()):
                 self.diagnostics.add(f"agents.{key}", f"the id of an agent is a whole number >= 0, not {key!r}")
+                del agents[key]
+            elif int(plain) > BOUNDS["sender"].most:
+                most = f"{BOUNDS['sender'].most:.0f}"
+                self.diagnostics.add(f"agents.{key}", f"the id of an agent is at most {most}, as messages carry it")
                 del agents[key]
             elif plain != key:
                 if plain in agents:

@@ -42,6 +42,12 @@ def drone_of(uri: str) -> str:
     return uri.lower().replace("://localhost:", "://127.0.0.1:")
 
 
+def radio_of(uri: str) -> str:
+    """Return the radio that a URI names, such as ``radio 0``; empty if it names none."""
+    match = RADIO.fullmatch(uri)
+    return f"radio {match[1]}" if match else ""
+
+
 def is_wireless(uri: str) -> bool:
     """Return whether packets go through a Crazyradio, which repeats unacknowledged packets itself."""
     return uri.startswith("radio:")

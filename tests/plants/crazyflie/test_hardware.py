@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from agentd.launcher.launch import launch
 from dcf_zenoh.config import Overrides, load
 from dcf_zenoh.errors import ConfigurationError, PlantError
 from dcf_zenoh.plant import Check, State
@@ -103,6 +104,16 @@ def test_it_is_real_and_has_its_drone_for_itself() -> None:
     ):
         load("position_swap", Overrides(plant="hardware", clock="wall"), changes=changes)
     assert 10 < CrazyflieHardware.landing_time < 60
+
+
+def test_two_drones_on_one_radio_are_noted_and_not_launched(tmp_path: Path) -> None:
+    uri = "agents.2.plants.hardware.uri=radio://0/94/2M/E7E7E7E702"
+    fleet = load("position_swap", Overrides(plant="hardware", clock="wall"), changes=[uri])
+    text = "agents.2.plants.hardware.uri: radio 0 is used by agent 1, too: on one computer each agent needs its own"
+    assert text in fleet.notes
+    with pytest.raises(ConfigurationError, match=text):
+        launch(fleet, tmp_path, print, print, yes=True)
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_cache_that_cannot_be_made_is_an_error(tmp_path: Path) -> None:

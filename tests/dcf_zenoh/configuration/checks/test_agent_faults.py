@@ -4,7 +4,7 @@ import pytest
 
 from dcf_zenoh.config import Overrides, load
 from tests.support.fleet_files import problems
-from tests.support.lossy_fleets import lossy
+from tests.support.lossy_fleets import BEARS_LOSS, lossy
 
 ENDS = (
     "the run ends when agent 2 has been silent for 0.6 s, by safety.neighbour_silent.then = 'land'; 'continue' goes on"
@@ -59,8 +59,8 @@ def test_the_dead_do_not_pause(tmp_path: Path) -> None:
 )
 def test_silence_that_ends_the_run_is_noted(tmp_path: Path, change: str, note: str) -> None:
     path = lossy(tmp_path, "")
-    assert load(path, changes=[f"agents.2.faults.{change}"]).notes == ((note,) if note else ())
-    patient = ["safety.neighbour_silent.then=continue", f"agents.2.faults.{change}"]
+    assert load(path, changes=[f"agents.2.faults.{change}", BEARS_LOSS]).notes == ((note,) if note else ())
+    patient = [BEARS_LOSS, "safety.neighbour_silent.then=continue", f"agents.2.faults.{change}"]
     assert load(path, changes=patient).notes == ()
 
 

@@ -92,3 +92,19 @@ def test_bodies_fly_at_a_height_that_is_in_the_arena(changes: list[str], height:
     assert load(
         "position_swap", Overrides(plant="crazyflie"), changes=[arena, "plants.crazyflie.flight.height=0.3"]
     ).spec.arena
+
+
+DONGLE = """
+    @classmethod
+    def device(cls, key, value):
+        return f"dongle {value[0]}"
+"""
+
+
+def test_a_device_of_two_agents_on_one_computer_is_noted(rovers: Path) -> None:
+    (rovers.parent / "mine.py").write_text(MINE + REAL + DONGLE)
+    ports = ["agents.2.plants.point_mass.port=x1", "agents.3.plants.point_mass.port=x2", "time.clock=wall"]
+    apart = ["agents.2.endpoint=tcp/10.0.0.2:7447", "agents.3.endpoint=tcp/10.0.0.3:7447"]
+    text = "agents.3.plants.point_mass.port: dongle x is used by agent 2, too: on one computer each agent needs its own"
+    assert load(rovers, changes=ports).notes == (text,)
+    assert load(rovers, changes=[*ports, *apart]).notes == ()

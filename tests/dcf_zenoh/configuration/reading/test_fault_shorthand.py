@@ -5,7 +5,7 @@ import pytest
 from dcf_zenoh.config import load
 from dcf_zenoh.spec import Faults, FaultTable
 from tests.support.fleet_files import problems
-from tests.support.lossy_fleets import lossy
+from tests.support.lossy_fleets import BEARS_LOSS, lossy
 
 LOSS = 'kind = "loss", probability = '
 
@@ -55,7 +55,7 @@ def test_bare_value_is_spelled_out_without_running_third_party_code(tmp_path: Pa
     path = lossy(tmp_path, "[faults]\na = { kind = './mine.py:Dull', value = 3 }\nloss = 0.1")
     with (tmp_path / "mine.py").open("a") as file:
         file.write("\n1 / 0")
-    fleet = load(path, run_plugins=False)
+    fleet = load(path, changes=[BEARS_LOSS], run_plugins=False)
     assert fleet.spec.faults.everywhere == {
         "a": table("./mine.py:Dull", often=3),
         "loss": table("loss", probability=0.1),
@@ -95,7 +95,7 @@ def test_other_kind_drops_the_keys_of_the_old_one_with_a_note(tmp_path: Path) ->
     text = "[faults]\nloss = 0.1\n[[faults.rule]]\nto = 1\nloss = 0.2"
     keys = ["kind=bursts", "mean_loss=0.1", "mean_length=2"]
     changes = [f"{key}.loss.{each}" for key in ("faults", "faults.rule.1") for each in keys]
-    fleet = load(lossy(tmp_path, text), changes=changes)
+    fleet = load(lossy(tmp_path, text), changes=[*changes, BEARS_LOSS])
     bursts = table("bursts", mean_loss=0.1, mean_length=2, loss_good=0.0, loss_bad=1.0)
     assert fleet.spec.faults.everywhere == fleet.spec.faults.rule[0].faults == {"loss": bursts}
     assert fleet.notes == (
