@@ -152,7 +152,7 @@ def report(options: Namespace) -> int:
     from rich.console import Console  # noqa: PLC0415
 
     from agentd.results.report import write_oracle, write_report  # noqa: PLC0415
-    from agentd.results.summary import finding_lines  # noqa: PLC0415
+    from agentd.results.summary import diagnosis_lines, finding_lines  # noqa: PLC0415
 
     runs, folder = [Run.read(each) for each in options.runs], options.out or options.runs[0]
     written = write_report(runs, folder, animate=options.animate)
@@ -163,7 +163,7 @@ def report(options: Namespace) -> int:
     for path in written:
         print(path)
     for run in runs:
-        for line in finding_lines(run.name, run.findings):
+        for line in [*diagnosis_lines(run.name, run.diagnosis), *finding_lines(run.name, run.findings)]:
             Console().print(line, soft_wrap=True)
     check_findings(runs, options)
     return 0

@@ -8,7 +8,7 @@ from dcf_zenoh.records.run import Run
 
 _ENDS = {
     "agreed": "stopped by agreement",
-    "returned": "returned of its own accord",
+    "returned": "the algorithm returned",
     "rounds": "was out of rounds",
     "budget": "was out of time",
 }

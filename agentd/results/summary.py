@@ -7,14 +7,16 @@ from rich import box
 from rich.table import Table
 from rich.text import Text
 
+from dcf_zenoh.analysis.diagnosis import Diagnosis
 from dcf_zenoh.analysis.findings import Finding
 
-_ENDS = {  # values of `Outcome.stopped_by`, and of steps without rounds, in the order of the table
+_ENDS = {  # keys of `Run.endings`, in the order of the table
     "agreed": "by agreement",
-    "returned": "of the algorithm's own accord",
+    "returned": "by the algorithm itself",
     "rounds": "out of rounds",
     "budget": "out of time",
     "abstained": "abstained",
+    "states": "without the states of all agents",
 }
 
 
@@ -54,6 +56,7 @@ def _rows(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
             f"{summary['deadline_misses']} of {agent_steps}{_share(summary['deadline_misses'], agent_steps)}",
         ),
         ("steps ended", _ends(summary["ended_by"])),
+        *(("" if number else "because", _cause(**each)) for number, each in enumerate(summary["diagnosis"])),
         ("rounds per step", _spread(summary["rounds_per_step"], "")),
         ("computation per step", _spread(summary["compute_ms"], " ms")),
         ("negotiation per step", _spread(summary["negotiation_ms"], " ms") + model),
@@ -70,6 +73,16 @@ def _rows(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
         rows.append(("controllers noted", ", ".join(f"{count:g} {what}" for what, count in notes.items())))
     rows.append(("digest", summary["digest"][:16]))
     return rows
+
+
+def _cause(kind: str, text: str, remedy: str) -> str:  # noqa: ARG001 - fields of `Diagnosis`
+    """Return a cause, and what would change it."""
+    return text + (f"; try {remedy}" if remedy else "")
+
+
+def diagnosis_lines(name: str, causes: Iterable[Diagnosis]) -> list[Text]:
+    """Return a line for each cause of steps that ended otherwise than by agreement in the run `name`."""
+    return [Text(f"{name}: {_cause(*each)}") for each in causes]
 
 
 def _findings(summary: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:

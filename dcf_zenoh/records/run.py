@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from dcf_zenoh.analysis.diagnosis import Diagnosis, diagnose, without_states
 from dcf_zenoh.analysis.findings import Finding, findings_of
 from dcf_zenoh.analysis.motion import BodyMotion, Course, below_zero, course, replayed
 from dcf_zenoh.config import load
@@ -328,6 +329,24 @@ class Run:
         """Findings on the run: violations of safety regions, agents that did not arrive, missed deadlines, messages."""
         return findings_of(self)
 
+    @cached_property
+    def diagnosis(self) -> tuple[Diagnosis, ...]:
+        """Causes of steps that ended otherwise than by agreement."""
+        return diagnose(self)
+
+    @cached_property
+    def endings(self) -> Mapping[str, int]:
+        """Reason for the end of a step's rounds -> number of agent-steps.
+
+        Reasons are those of `Outcome.stopped_by`, and 'states' where states of other agents were missing.
+        """
+        words = (
+            "states" if lacking else word
+            for log in self.agents.values()
+            for word, lacking in zip(log.stopped_by, without_states(log), strict=True)
+        )
+        return dict(sorted(Counter(words).items()))
+
     @property
     def gaps(self) -> list[str]:
         """Texts on agents whose log is missing, breaks off or is damaged. Empty if the run is `complete`."""
@@ -380,7 +399,7 @@ class Run:
             "rounds_per_step": spread_of(np.concatenate([log.rounds for log in logs])),
             "compute_ms": spread_of(np.concatenate([log.compute for log in logs]) * 1e3),
             "negotiation_ms": spread_of(np.concatenate([log.negotiation for log in logs]) * 1e3),
-            "ended_by": dict(sorted(Counter(word for log in logs for word in log.stopped_by).items())),
+            "ended_by": self.endings,
             "deadline_misses": int(sum(log.late.sum() for log in logs)),
             "messages": {
                 "published": sum(log.end["counts"].get("published", 0) for log in logs if log.end),
@@ -394,6 +413,7 @@ class Run:
             "lost_by": {"faults": dict(sorted(lost_by.items())), "network": never_came},
             "unmet": dict(sorted(unmet.items())),
             "notes": dict(sorted(notes.items())),
+            "diagnosis": [each._asdict() for each in self.diagnosis],
             "findings": [{"kind": each.kind, "text": each.text} for each in self.findings],
             "digest": self.digest,
         }

@@ -55,7 +55,7 @@ def early(game, me, *, who=(3,), after=4):
         if inbox.stop or (me.id in who and number >= after):
             return me.result(u)
 """
-OVERRUN = ["exchange.compute_time=0.05", "exchange.round_timeout=0.01", "time.duration=8.0", "time.arrived.within=0.2"]
+OVERRUN = ["exchange.compute_time=0.045", "exchange.round_timeout=0.01", "time.duration=8.0", "time.arrived.within=0.2"]
 
 
 @pytest.mark.parametrize(
@@ -66,7 +66,8 @@ OVERRUN = ["exchange.compute_time=0.05", "exchange.round_timeout=0.01", "time.du
                               "topology.links=[[1,2],[2,3],[3,4],[4,5],[5,1],[1,4]]"]),
         pytest.param("position_swap", "early", [*OVERRUN, "topology.kind=star"], marks=pytest.mark.large),
         ("position_swap", "early", [*OVERRUN, "topology.kind=path", "exchange.missing=absent", "exchange.margin=3"]),
-        ("position_swap", "early", ["exchange.compute_time=0.15", "topology.kind=path", "exchange.late=hold"]),
+        ("position_swap", "early", ["exchange.compute_time=0.03", "agents.2.faults.slow.factor=5", "topology.kind=path",
+                                     "exchange.late=hold"]),
     ],
 )  # fmt: skip
 def test_overruns_time_outs_early_leavers_and_edge_payloads_are_reproduced(

@@ -53,7 +53,7 @@ def test_separation_is_checked_by_default_also_from_an_agent_that_is_dead() -> N
 
 
 def test_separation_is_checked_although_every_message_is_late() -> None:
-    slow = ["faults.latency={mean=0.25}", "safety.separation={min=9.0}", "time.duration=0.8"]
+    slow = ["faults.rule=[{during=[0, 9], latency=0.25}]", "safety.separation={min=9.0}", "time.duration=0.8"]
     run = dcf_zenoh.simulate("position_swap", changes=slow)
     assert run.summary()["messages"]["late"] == run.summary()["messages"]["delivered"] > 0
     alarm = next(event for event in run.agents[1].events if event.get("rule") == "separation")

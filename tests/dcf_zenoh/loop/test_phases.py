@@ -154,14 +154,14 @@ def test_separation_is_checked_by_the_positions_in_messages(sandbox: Sandbox) ->
 
 
 def test_steps_late_in_a_row_make_an_agent_hold(sandbox: Sandbox) -> None:
-    slow = ["exchange.compute_time=0.09", "safety.missed_deadlines={in_a_row=3,then='hold'}"]
+    slow = ["exchange.compute_time=0.07", "safety.missed_deadlines={in_a_row=3,then='hold'}"]
     run = sandbox.fly(*slow, duration=3.0)
     assert alarms(run, 2)[0] == (2, "missed_deadlines", "hold")
     assert set(run.agents[2].stopped_by[3:]) == {"abstained"}
 
 
 def test_late_step_ends_the_flight_if_the_fleet_says_so(sandbox: Sandbox) -> None:
-    run = sandbox.fly("exchange.compute_time=0.09", "exchange.late='land'", duration=3.0)
+    run = sandbox.fly("exchange.compute_time=0.07", "exchange.late='land'", duration=3.0)
     assert set(ends(run).values()) == {"landed"}
     assert run.agents[1].end is not None
     assert run.agents[1].end["remark"] == "agent 1: step 0: the step overran, and exchange.late says land"
