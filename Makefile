@@ -48,6 +48,7 @@ bench: $(READY)  ## ratios against a bare Zenoh loop and the bare generators
 	$(BIN)/python benchmarks/crazyflie.py
 	$(BIN)/python benchmarks/wall_clock.py
 	$(BIN)/python benchmarks/emergency_stop.py
+	$(BIN)/python benchmarks/start.py
 
 docs: $(READY)  ## the web site of the documents, in build/site; warnings are errors
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[docs]'

@@ -1,14 +1,14 @@
 """One daemon as a child process: started, watched through its status lines, controlled through its standard input."""
 
 import json
-import subprocess
-import sys
 import threading
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+
+from agentd.launcher.child_process import ChildProcess, ProcessStarter
 
 
 @dataclass
@@ -26,7 +26,7 @@ class DaemonProcess:
     """
 
     agent: int
-    process: subprocess.Popen[str]
+    process: ChildProcess
     errors: Path
     status: Mapping[str, Any] = field(default_factory=dict)
     started: bool = False
@@ -64,18 +64,13 @@ class DaemonProcess:
         return lines[-1].removeprefix("agentd: ") if lines else ""
 
 
-def spawn(folder: Path, agent: int) -> DaemonProcess:
-    """Start the daemon of an agent, in a session of its own so that Ctrl-C reaches the launcher alone."""
-    command = [sys.executable, "-m", "agentd", "run", str(folder / "fleet.toml"), "--id", str(agent)]
-    command += ["--out", str(folder), "--supervised"]
+def start_daemon(starter: ProcessStarter, folder: Path, agent: int) -> DaemonProcess:
+    """Start the daemon of an agent.
+
+    Raises:
+        OSError: The process cannot be started, or the file for its standard error not be written.
+    """
     path = folder / f"agent-{agent}.err"
+    arguments = ["run", str(folder / "fleet.toml"), "--id", str(agent), "--out", str(folder), "--supervised"]
     with path.open("w", encoding="utf-8") as errors:
-        process = subprocess.Popen(
-            command,
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=errors,
-            text=True,
-            start_new_session=True,
-        )
-    return DaemonProcess(agent, process, path)
+        return DaemonProcess(agent, starter.start(arguments, errors), path)

@@ -16,7 +16,8 @@ from agentd.daemon.signals import ENDING, signal_name
 from agentd.daemon.stop_requests import in_foreground
 from agentd.endpoints import free_endpoints
 from agentd.exit_codes import DONE, NEIGHBOUR_LOST, STOPPED, UNRECORDED
-from agentd.launcher.daemon_process import DaemonProcess, spawn
+from agentd.launcher.child_process import ProcessStarter
+from agentd.launcher.daemon_process import DaemonProcess, start_daemon
 from agentd.launcher.key_presses import reading_keys
 from agentd.launcher.terminal import Terminal
 from agentd.operator_file import OperatorFile
@@ -93,19 +94,26 @@ def launch(fleet: LoadedFleet, folder: Path, on_status: OnStatus, on_message: On
         raise ConfigurationError(f"real bodies take off when a person presses a key: there is no terminal; {YES}")
     for each in shared_devices(fleet.spec, lambda kind: load("plants", kind, fleet.folder)):
         raise ConfigurationError(f"{each.key}: {each.text}", fleet.source)
-    endpoints = free_endpoints(fleet.spec)
-    frozen = freeze(fleet, folder)
-    run_json = _describe_run(fleet, folder, endpoints)
     reaction = patience = REACTION + landing
     if fleet.spec.time.clock == "wall" and fleet.spec.safety.neighbour_silent.then in ("hold", "continue"):
         patience = fleet.spec.time.duration + landing + LINGER
     daemons: dict[int, DaemonProcess] = {}
     failures = RunFailures(on_message)
     interrupted: int | None = None
-    with followed(folder) as place, _queued_signals() as signals, reading_keys() as keys:
+    modules = [plant.__module__ for plant in plants if not plant.real and plant.__module__.startswith("plants.")]
+    with (
+        ProcessStarter(len(fleet.spec.agents), modules) as starter,
+        followed(folder) as place,
+        _queued_signals() as signals,
+        reading_keys() as keys,
+    ):
+        endpoints = free_endpoints(fleet.spec)
+        frozen = freeze(fleet, folder)
+        run_json = _describe_run(fleet, folder, endpoints)
         try:
             for agent in frozen.spec.ids:
-                daemons[agent] = _spawn(folder, agent)
+                daemons[agent] = _start(starter, folder, agent)
+            starter.close()
             terminal = Terminal(daemons, keys, on_message, real=real, yes=yes)
             interrupted = _supervise(
                 daemons, signals, on_status, failures, terminal, reaction=reaction, patience=patience
@@ -156,16 +164,17 @@ def _describe_end(
         failures.add(str(error))
 
 
-def _spawn(folder: Path, agent: int) -> DaemonProcess:
+def _start(starter: ProcessStarter, folder: Path, agent: int) -> DaemonProcess:
     """Start the daemon of an agent.
 
     Raises:
         RecordingError: The file for its standard error cannot be written.
     """
     try:
-        return spawn(folder, agent)
+        return start_daemon(starter, folder, agent)
     except OSError as error:
-        raise RecordingError(f"agent {agent}: cannot be started: {error.filename}: {error.strerror}") from error
+        reason = f"{error.filename}: {error.strerror}" if error.filename else error.strerror
+        raise RecordingError(f"agent {agent}: cannot be started: {reason}") from error
 
 
 def _write_run_json(folder: Path, content: Mapping[str, Any]) -> None:

@@ -92,7 +92,7 @@ class Launch:
         found = {}
         for path in PROCESSES.glob("[0-9]*/cmdline"):
             try:
-                words = path.read_bytes().decode(errors="replace").split("\0")
+                words = path.read_bytes().decode(errors="replace").replace("\0", " ").split()
             except OSError:  # it has just ended
                 continue
             if str(self.folder / "fleet.toml") in words and "--id" in words:

@@ -99,7 +99,7 @@ class StormyFleet:
         found = {}
         for path in PROCESSES.glob("[0-9]*/cmdline"):
             try:
-                words = path.read_bytes().decode(errors="replace").split("\0")
+                words = path.read_bytes().decode(errors="replace").replace("\0", " ").split()
             except OSError:  # it has just ended
                 continue
             if any(word.startswith(str(self.folder.parent)) for word in words) and "agentd" in words:

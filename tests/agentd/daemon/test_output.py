@@ -19,9 +19,12 @@ from tests.support.waiting import until
 
 pytestmark = [pytest.mark.real_time, pytest.mark.whole_fleet]
 SMALL_PIPES = """
-import subprocess
-init = subprocess.Popen.__init__
-subprocess.Popen.__init__ = lambda self, *words, **more: init(self, *words, **{**more, "pipesize": 4096})
+import fcntl, os
+def small(pipe=os.pipe):
+    ends = pipe()
+    fcntl.fcntl(ends[1], fcntl.F_SETPIPE_SZ, 4096)
+    return ends
+os.pipe = small
 """
 
 
