@@ -376,6 +376,7 @@ def emulate_crazyflie(options: Namespace) -> int:
       3 refuse-arm on        off                3 tumble on        upside down
       2 variance 0.5         m^2, or off        2 freeze-estimate on
       4 base-stations 0      that it sees       4 drift 0.3 0.0    carried along, m/s
+      1 deck-silent on       off                3 auto-arm on      off
       1 place 0.5 0.0 90     m, m, deg          1 restart          off and on again
       1 state                                   quit
     """

@@ -23,6 +23,8 @@ AFRESH = (
     "tumble off",
     "variance off",
     "freeze-estimate off",
+    "deck-silent off",
+    "auto-arm off",
     "base-stations 2",
     "drift 0 0",
     "restart",

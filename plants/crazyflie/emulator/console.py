@@ -103,6 +103,16 @@ def _stations(drone: Drone, now: float, words: list[str]) -> str:  # noqa: ARG00
     return ""
 
 
+def _deck_silent(drone: Drone, now: float, words: list[str]) -> str:  # noqa: ARG001
+    drone.firmware.lighthouse.silent = _switched_on(words)
+    return ""
+
+
+def _auto_arm(drone: Drone, now: float, words: list[str]) -> str:  # noqa: ARG001
+    drone.firmware.automatic = _switched_on(words)
+    return ""
+
+
 def _drift(drone: Drone, now: float, words: list[str]) -> str:  # noqa: ARG001
     drone.firmware.body.push = np.array([_number(words[0]), _number(words[1])])
     return ""
@@ -167,6 +177,8 @@ VERBS = {
     "variance": Verb("SQUARE_METRES|off", _variance),
     "freeze-estimate": Verb("[on|off]", _freeze),
     "base-stations": Verb("NUMBER (0 to 16)", _stations),
+    "deck-silent": Verb("[on|off]", _deck_silent),
+    "auto-arm": Verb("[on|off]", _auto_arm),
     "drift": Verb("VX VY", _drift),
     "place": Verb("X Y [YAW_DEGREES]", _place),
     "restart": Verb("", _restart),

@@ -7,8 +7,8 @@ from typing import TypeAlias
 from plants.crazyflie.emulator.battery import Battery
 from plants.crazyflie.emulator.body import Body
 from plants.crazyflie.emulator.estimator import StateEstimator
+from plants.crazyflie.emulator.lighthouse import Lighthouse
 from plants.crazyflie.emulator.log_blocks import Variable
-from plants.crazyflie.emulator.memories import Lighthouse
 from plants.crazyflie.emulator.parameters import FirmwareParameter, no_effect
 
 Logged: TypeAlias = tuple[str, Callable[[], float]]  # storage format, and function that returns the value
@@ -34,6 +34,7 @@ VELOCITY_GAINS = {
 POSITION_GAINS = {
     "xKp": 2.0, "xKi": 0.0, "xKd": 0.0, "yKp": 2.0, "yKi": 0.0, "yKd": 0.0, "zKp": 2.0, "zKi": 0.5, "zKd": 0.0,
 }  # fmt: skip
+INTERNAL = ("supervisor.", "system.")  # beginnings of names that may change from release to release
 PERSISTENT = ("pid_rate.", "pid_attitude.", "velCtlPid.", "posCtlPid.", "ring.effect")  # beginnings of their names
 
 PARAMETERS = (  # name, storage format, value after power-on
@@ -213,6 +214,7 @@ def parameters_of(
             fixed=name.startswith("deck."),
             changed=effects.get(name, no_effect),
             persistent=name.startswith(PERSISTENT),
+            core=not name.startswith(INTERNAL),
         )
         for name, layout, default in PARAMETERS
     ]

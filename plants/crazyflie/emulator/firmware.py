@@ -7,18 +7,20 @@ from plants.crazyflie.emulator.battery import Battery
 from plants.crazyflie.emulator.body import SLOT, Body
 from plants.crazyflie.emulator.commander import Commander
 from plants.crazyflie.emulator.contents import parameters_of, variables_of
-from plants.crazyflie.emulator.crtp import Packet
+from plants.crazyflie.emulator.crtp import CONSOLE, DATA_MAX, Packet
 from plants.crazyflie.emulator.estimator import StateEstimator
+from plants.crazyflie.emulator.lighthouse import Lighthouse
 from plants.crazyflie.emulator.log_blocks import LogBlocks
-from plants.crazyflie.emulator.memories import Lighthouse
+from plants.crazyflie.emulator.memories import Memories, TestMemory, TrajectoryMemory
 from plants.crazyflie.emulator.parameters import Parameters
 from plants.crazyflie.emulator.planner import Phase, Planner
 from plants.crazyflie.emulator.setpoints import STOP, FirmwareSetpoint
-from plants.crazyflie.emulator.supervisor import PERIOD, FirmwareSupervisor, Observation, SupervisorState
+from plants.crazyflie.emulator.supervisor import CAN_FLY, PERIOD, FirmwareSupervisor, Observation, SupervisorState
 from plants.crazyflie.emulator.truth import SAMPLE, Truth, rounded
 from plants.crazyflie.model.vehicle import COMMAND_MAX, Vehicle
 from plants.sensing import Sensor
 
+SAID = (SupervisorState.FREE_FALL, SupervisorState.LOCKED, SupervisorState.CRASHED)  # states told on the console
 AIRBORNE, SOFT = 0.05, 1.5  # m; m/s up to which a touchdown counts as soft: a fall of 11 cm
 STATIONS = {0: (-2.0, 2.0, 2.0), 1: (2.0, -2.0, 2.0)}  # positions of the base stations in the drone's memory, m
 
@@ -38,6 +40,8 @@ class Firmware:
 
     Attributes:
         healthy: The drone passes its own checks; otherwise it cannot be armed.
+        automatic: It arms itself whenever it can be armed, as the firmware of brushed Crazyflies does.
+        listened: A client receives the text of the console; it is kept until there is one.
         upside_down: The drone lies or flies on its back.
     """
 
@@ -56,7 +60,8 @@ class Firmware:
         self.battery = Battery()
         self.lighthouse = Lighthouse(STATIONS)
         self.truth = truth
-        self.healthy, self.upside_down = True, False
+        self.healthy, self.upside_down, self.automatic, self.listened = True, False, False, False
+        self._text = b""
         self._airborne = False
         self._stored: dict[str, float] = {}  # persistent parameters
         self._switch_on()
@@ -68,10 +73,16 @@ class Firmware:
 
     @property
     def bits(self) -> int:
-        """Bits of the supervisor for clients, with those of the planner in bits 8 to 10."""
+        """Bits for clients: of the supervisor, of the planner (8 and 9), and of a fault of a deck (11)."""
         planner = self.planner
         active, finished = planner.phase is not Phase.IDLE, planner.finished(self.now)
-        return self.supervisor.bits | active << 8 | finished << 9
+        fault = self.lighthouse.faulty
+        return self.supervisor.bits & ~(fault * CAN_FLY) | active << 8 | finished << 9 | fault << 11
+
+    @property
+    def motors_may_run(self) -> bool:
+        """Whether setpoints reach the motors."""
+        return self.supervisor.motors_may_run and not self.lighthouse.faulty
 
     def restart(self) -> None:
         """Switch the drone off and on: this clears a lock, and all settings that a client has not stored."""
@@ -107,7 +118,7 @@ class Firmware:
     def step(self) -> list[Packet]:
         """Simulate one slot of 10 ms; return the log packets that are due."""
         self.refresh_planner()
-        self.planner.block(not self.supervisor.motors_may_run)
+        self.planner.block(not self.motors_may_run)
         self.commander.step(self.now)
         if self.now % PERIOD == 0:
             self._update_supervisor()
@@ -117,16 +128,30 @@ class Firmware:
         self.estimator.step(self.body.position, self.body.velocity, self.body.up, SLOT, measured=measured)
         self.battery.step(self.body.load, SLOT)
         self._record()
-        return self.log.due(self.now)
+        return [*self.log.due(self.now), *(self._console() if self.listened else [])]
+
+    def say(self, line: str) -> None:
+        """Write a line to the console of clients."""
+        self._text += line.encode() + b"\n"
+
+    def _console(self) -> list[Packet]:
+        """Return the next part of the console's text."""
+        part, self._text = self._text[:DATA_MAX], self._text[DATA_MAX:]
+        return [Packet(CONSOLE, 0, part)] if part else []
 
     def event(self, name: str, **fields: object) -> None:
         """Record an event."""
         self.truth.write("event", self.now, event=name, **fields)
 
     def _switch_on(self) -> None:
-        self.planner = Planner()
+        trajectories = TrajectoryMemory()
+        self.planner = Planner(trajectories.content)
+        self.memories = Memories((self.lighthouse, TestMemory(), trajectories))
         self.commander = Commander(self.planner)
         self.supervisor = FirmwareSupervisor()
+        self.say("SYS: emulated Crazyflie 2.1 is up and running!")
+        self.say("ESTIMATOR: Using Kalman (2) estimator")
+        self.say("CONTROLLER: Using PID (1) controller")
         parameters = parameters_of(reset_estimator=self._reset_estimator, stop=self.stop, arm=self.arm)
         self.parameters = Parameters(parameters, self._stored)
         self.log = LogBlocks(variables_of(self.body, self.estimator, self.battery, self.lighthouse, lambda: self.bits))
@@ -143,19 +168,25 @@ class Firmware:
             thrust=self.body.running,
             tumbled=self.upside_down,
             setpoint_age=self.now - self.commander.since,
-            healthy=self.healthy,
+            healthy=self.healthy and not self.lighthouse.faulty,
             ready_timeout=int(self.parameters["supervisor.prefltTimeout"]),
             landed_timeout=int(self.parameters["supervisor.landedTimeout"]),
         )
+        self.supervisor.automatic = self.automatic
+        armed = self.supervisor.armed
         self.supervisor.update(observation, self.now)
+        if self.supervisor.armed and not armed:
+            self.event("armed")
         if self.supervisor.state is not before:
             self.event(self.supervisor.state.value)
+            if self.supervisor.state in SAID:
+                self.say(f"SUP: {self.supervisor.state.value}")
 
     def _allowed(self, setpoint: FirmwareSetpoint) -> FirmwareSetpoint:
         """Return the setpoint that the supervisor allows instead of `setpoint`."""
-        if self.supervisor.state is SupervisorState.LEVELLING:
+        if self.supervisor.state is SupervisorState.LEVELLING and self.motors_may_run:
             return setpoint.level
-        return setpoint if self.supervisor.motors_may_run else STOP
+        return setpoint if self.motors_may_run else STOP
 
     def _record(self) -> None:
         """Record the events and the state after a slot."""

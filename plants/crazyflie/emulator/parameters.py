@@ -11,8 +11,14 @@ from plants.crazyflie.emulator.tables import Toc, TocEntry
 TABLE, READ, WRITE, MISCELLANEOUS = 0, 1, 2, 3  # channels
 SET_BY_NAME, STORE, GET_STATE, CLEAR, EXTENDED_TYPE, DEFAULT_VALUE = 0, 3, 4, 5, 7, 8  # requests on the last one
 CODES = {"b": 0, "h": 1, "i": 2, "f": 6, "B": 8, "H": 9, "I": 10}
-EXTENDED, READ_ONLY = 0x10, 0x40  # bits of a type
+EXTENDED, CORE, READ_ONLY = 0x10, 0x20, 0x40  # bits of a type; core parameters stay from release to release
 PERSISTENT = 1  # extended type
+
+
+def _type_of(parameter: "FirmwareParameter") -> int:
+    """Return the type of a parameter in the table."""
+    bits = READ_ONLY * parameter.fixed | EXTENDED * parameter.persistent | CORE * parameter.core
+    return CODES[parameter.layout] | bits
 
 
 def no_effect(value: float) -> None:
@@ -28,6 +34,7 @@ class FirmwareParameter(NamedTuple):
         default: Value after power-on.
         fixed: The parameter is read-only.
         persistent: Its value can be stored over a restart.
+        core: It stays from release to release, as clients are told.
         changed: Called with each value that is set.
     """
 
@@ -37,6 +44,7 @@ class FirmwareParameter(NamedTuple):
     fixed: bool = False
     changed: Callable[[float], None] = no_effect
     persistent: bool = False
+    core: bool = True
 
 
 class Parameters:
@@ -50,10 +58,7 @@ class Parameters:
     def __init__(self, parameters: Sequence[FirmwareParameter], stored: dict[str, float]) -> None:
         self._parameters = parameters
         self._stored = stored
-        entries = [
-            TocEntry(p.name, CODES[p.layout] | READ_ONLY * p.fixed | EXTENDED * p.persistent) for p in parameters
-        ]
-        self._table = Toc(PARAM, entries)
+        self._table = Toc(PARAM, [TocEntry(p.name, _type_of(p)) for p in parameters])
         self._values = [stored.get(p.name, p.default) for p in parameters]
 
     def __getitem__(self, name: str) -> float:
@@ -76,8 +81,11 @@ class Parameters:
             return [Packet(PARAM, channel, data[:2] + bytes((errno.ENOENT,)))]
         if channel == READ:
             return [Packet(PARAM, READ, data[:2] + b"\0" + self._packed(number))]
-        self._set(number, data[2:])
-        return [Packet(PARAM, WRITE, data[:2] + self._packed(number))]
+        if self._parameters[number].fixed:
+            return []
+        if len(data) == 2 + struct.calcsize("<" + self._parameters[number].layout):
+            self._set(number, data[2:])
+        return [Packet(PARAM, WRITE, data[:2] + self._packed(number))]  # the old value, if the length is wrong
 
     def is_last(self, channel: int, data: bytes) -> bool:
         """Return whether a packet requests the value of the last parameter, which ends a client's connecting."""

@@ -10,8 +10,20 @@ import numpy as np
 from plants.crazyflie.emulator import crtp
 from plants.crazyflie.emulator.crtp import Packet
 from plants.crazyflie.emulator.firmware import Firmware
-from plants.crazyflie.emulator.memories import PERSIST
-from plants.crazyflie.emulator.planner import GO_TO, GROUP_MASK, LAND, STOP_PLAN, TAKE_OFF
+from plants.crazyflie.emulator.lighthouse import PERSIST
+from plants.crazyflie.emulator.planner import (
+    DEFINE,
+    GO_TO,
+    GO_TO_1,
+    GROUP_MASK,
+    LAND,
+    LAND_AT,
+    START,
+    START_1,
+    STOP_PLAN,
+    TAKE_OFF,
+    TAKE_OFF_AT,
+)
 from plants.crazyflie.emulator.setpoints import NAMES, STOP, FirmwareSetpoint, RpytDecoder, generic
 from plants.crazyflie.emulator.truth import rounded
 
@@ -29,6 +41,12 @@ ORDERS = {
     TAKE_OFF: ("take_off", "<ffxf"),
     LAND: ("land", "<ffxf"),
     GO_TO: ("go_to", "<xx5f"),
+    GO_TO_1: ("go_to", "<x5f"),
+    TAKE_OFF_AT: ("take_off", "<fxfxf"),
+    LAND_AT: ("land", "<fxfxf"),
+    DEFINE: ("define_trajectory", "<xBIB"),
+    START: ("start_trajectory", "<???Bf"),
+    START_1: ("start_trajectory", "<??Bf"),
 }
 
 
@@ -50,7 +68,7 @@ class Ports:
             crtp.PLATFORM: self._platform,
             crtp.LOG: self._log,
             crtp.PARAM: self._parameters,
-            crtp.MEMORY: firmware.lighthouse.receive,
+            crtp.MEMORY: self._memory,
             crtp.COMMANDER: self._by_thrust,
             crtp.GENERIC: self._generic,
             crtp.HIGH_LEVEL: self._high_level,
@@ -86,13 +104,19 @@ class Ports:
     def _link(self, channel: int, data: bytes) -> list[Packet]:
         if channel == ECHO:
             return [Packet(crtp.LINK, ECHO, data)]
-        return [Packet(crtp.LINK, SOURCE, NAME)] if channel == SOURCE else []
+        if channel != SOURCE:
+            return []
+        self._firmware.listened = True
+        return [Packet(crtp.LINK, SOURCE, NAME)]
 
     def _log(self, channel: int, data: bytes) -> list[Packet]:
         return self._firmware.log.receive(channel, data, self._firmware.now)
 
     def _parameters(self, channel: int, data: bytes) -> list[Packet]:
         return self._firmware.parameters.receive(channel, data)
+
+    def _memory(self, channel: int, data: bytes) -> list[Packet]:
+        return self._firmware.memories.receive(channel, data)
 
     def _platform(self, channel: int, data: bytes) -> list[Packet]:
         if channel == 1:

@@ -7,6 +7,7 @@ from typing import NamedTuple, TypeAlias
 PERIOD = 40  # ms between two updates
 LEVEL_AFTER, FALL_AFTER = 500, 2000  # ms without a setpoint
 FLYING_FOR = 2000  # ms after the last thrust for which the drone still counts as flying
+CAN_FLY = 1 << 3  # of the bits for clients
 FEED_PERIOD = 1000  # ms; longest time between two watchdog packets, once there was one
 
 
@@ -130,6 +131,7 @@ class FirmwareSupervisor:
 
     Attributes:
         state: Present state.
+        automatic: The drone arms itself whenever it can be armed, as the firmware of brushed Crazyflies does.
         armed: The drone is armed.
         tumbled: The drone was tumbled at the last update.
 
@@ -138,6 +140,7 @@ class FirmwareSupervisor:
 
     def __init__(self) -> None:
         self.state = SupervisorState.NOT_PASSED
+        self.automatic = False
         self.armed = False
         self.tumbled = False
         self._crashed = False
@@ -158,11 +161,11 @@ class FirmwareSupervisor:
 
     @property
     def bits(self) -> int:
-        """Bits for clients: can be armed, armed, -, can fly, flying, tumbled, locked, crashed."""
+        """Bits for clients: can be armed, armed, arms itself, can fly, flying, tumbled, locked, crashed."""
         flags = (
             self.can_be_armed,
             self.armed,
-            False,
+            self.automatic,
             self.motors_may_run,
             self.state in (SupervisorState.FLYING, SupervisorState.LEVELLING),
             self.tumbled,
@@ -204,6 +207,8 @@ class FirmwareSupervisor:
             self.state, self._entered = after, now
             self._crashed |= after is SupervisorState.CRASHED
             self.armed &= self.motors_may_run
+        elif self.automatic and self.can_be_armed:
+            self.armed = True
 
     def _conditions(self, observation: Observation, now: int) -> Conditions:
         here = now - self._entered

@@ -6,7 +6,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cflib.crazyflie.mem import LighthouseBsCalibration, LighthouseBsGeometry, LighthouseMemHelper
+from cflib.crazyflie.mem import (
+    LighthouseBsCalibration,
+    LighthouseBsGeometry,
+    LighthouseMemHelper,
+    MemoryElement,
+    Poly4D,
+)
 from cflib.crazyflie.param import Param
 from cflib.crtp.crtpstack import CRTPPacket
 from cflib.localization import LighthouseConfigWriter
@@ -186,3 +192,31 @@ def test_nonsense_is_not_answered_and_does_no_harm(cf: Client, drone: Emulated) 
         packet.data = bytes(rng.integers(0, 256, int(rng.integers(0, 31)), dtype=np.uint8))
         cf.cf.link.send_packet(packet)
     until(lambda: drone.state["time"] > 0, "it lives")
+
+
+def test_trajectory_is_uploaded_and_flown(drone: Emulated, cf: Client) -> None:
+    assert sorted(each.type for each in cf.cf.mem.mems) == sorted(
+        [MemoryElement.TYPE_LH, MemoryElement.TYPE_MEMORY_TESTER, MemoryElement.TYPE_TRAJ]
+    )
+    (memory,) = cf.cf.mem.get_mems(MemoryElement.TYPE_TRAJ)
+    straight = Poly4D.Poly([0.0, 0.5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])  # 0.5 m/s
+    memory.trajectory = [Poly4D(2.0, x=straight), Poly4D(1.0, x=Poly4D.Poly([1.0, *[0.0] * 7]))]
+    assert memory.write_data_sync(start_addr=8)
+    commander = cf.cf.high_level_commander
+    commander.define_trajectory(1, 8, 2)
+    cf.take_off()
+    begin = drone.state["position"]
+    commander.start_trajectory(1, relative_position=True)
+    until(lambda: drone.state["position"][0] > begin[0] + 0.9, "the end of the trajectory", 6.0)
+    cf.land(1.0)
+    until(lambda: drone.state["position"][2] == 0.0, "on the ground", 4.0)
+    assert abs(drone.state["position"][1] - begin[1]) < 0.1
+
+
+def test_console_text_reaches_the_client(drone: Emulated, cache: Path) -> None:
+    text: list[str] = []
+    drone.renew()
+    with client(drone.uri, cache) as connected:
+        connected.cf.console.receivedChar.add_callback(text.append)
+        drone.say("restart")
+        until(lambda: "up and running!" in "".join(text), "text of the console", 3.0)

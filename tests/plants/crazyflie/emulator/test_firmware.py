@@ -201,3 +201,98 @@ def test_battery_is_empty_after_about_seven_minutes_of_hovering() -> None:
     assert minutes == pytest.approx(7.0, abs=0.1)
     assert battery.level == 0
     assert battery.state == 3
+
+
+def test_console_text_waits_for_a_client_and_tells_of_a_lock(tmp_path: Path) -> None:
+    flown = Flown(tmp_path / "truth.jsonl")
+
+    def console(seconds: float) -> str:
+        packets = [each for _ in range(round(seconds * 100)) for each in flown.firmware.step()]
+        return b"".join(each.data for each in packets if each.port == crtp.CONSOLE).decode()
+
+    with flown.truth:
+        assert console(1.0) == ""
+        flown.tell(crtp.LINK, 1, "B", 0)
+        assert console(1.0).splitlines() == [
+            "SYS: emulated Crazyflie 2.1 is up and running!",
+            "ESTIMATOR: Using Kalman (2) estimator",
+            "CONTROLLER: Using PID (1) controller",
+        ]
+        flown.arm()
+        flown.firmware.stop()
+        assert console(0.5) == "SUP: free fall\nSUP: locked\n"
+
+
+def test_firmware_of_brushed_crazyflies_arms_itself_again(tmp_path: Path) -> None:
+    flown = Flown(tmp_path / "truth.jsonl")
+    with flown.truth:
+        assert flown.firmware.bits & 0b111 == 0b001  # can be armed
+        flown.firmware.automatic = True
+        flown.run(0.1)
+        assert flown.firmware.bits & 0b111 == 0b110  # armed, arms itself
+        flown.tell(crtp.SUPERVISOR, 1, "BB", 1, 0)
+        assert not flown.firmware.supervisor.armed
+        flown.run(0.2)
+        assert flown.firmware.supervisor.armed
+        flown.tell(crtp.HIGH_LEVEL, 0, "BBff?f", 7, 0, 0.5, 0.0, True, 1.0)
+        flown.run(2.0)
+        flown.tell(crtp.HIGH_LEVEL, 0, "BBff?f", 8, 0, 0.0, 0.0, True, 1.0)
+        flown.run(8.0)  # disarmed 3 s after the landing
+        assert flown.firmware.supervisor.armed
+        flown.run(29.0)  # disarmed after 30 s without a take-off
+    assert len(flown.event("landed")) == 1
+    assert len(flown.event("armed")) == 4
+
+
+def test_lighthouse_deck_that_falls_silent_stops_the_motors_after_a_while(tmp_path: Path) -> None:
+    flown = Flown(tmp_path / "truth.jsonl", seed=1)
+    with flown.truth:
+        flown.arm()
+        flown.tell(crtp.HIGH_LEVEL, 0, "BBff?f", 7, 0, 0.5, 0.0, True, 1.0)
+        flown.run(2.0)
+        flown.firmware.lighthouse.silent = True
+        flown.run(1.4)
+        assert flown.firmware.body.running
+        assert flown.firmware.bits >> 11 == 0
+        flown.run(0.2)
+        assert not flown.firmware.body.running
+        assert flown.firmware.bits >> 11 == 1
+        assert not flown.firmware.bits & 0b1000  # cannot fly
+
+
+def test_parameters_tell_their_types_and_refuse_as_the_firmware_does(tmp_path: Path) -> None:
+    flown = Flown(tmp_path / "truth.jsonl")
+    table = flown.firmware.parameters._table
+
+    def number(name: str) -> int:
+        found = table.number(name)
+        assert found is not None
+        return found
+
+    def kind(name: str) -> int:
+        (answer,) = flown.tell(crtp.PARAM, 0, "BH", 2, number(name))
+        return answer.data[3]
+
+    with flown.truth:
+        assert kind("pid_rate.roll_kp") == 0x06 | 0x10 | 0x20  # float, persistent, core
+        assert kind("deck.bcLighthouse4") == 0x08 | 0x20 | 0x40  # read-only
+        assert kind("supervisor.tmblChckEn") == 0x08
+        assert flown.tell(crtp.PARAM, 2, "HB", number("deck.bcFlow2"), 1) == []
+        effect = number("ring.effect")
+        (answer,) = flown.tell(crtp.PARAM, 2, "HH", effect, 7)  # too long: not set
+        assert answer.data == struct.pack("<HB", effect, 0)
+        (answer,) = flown.tell(crtp.PARAM, 2, "HB", effect, 7)
+        assert answer.data == struct.pack("<HB", effect, 7)
+
+
+def test_world_velocities_lose_height(tmp_path: Path) -> None:
+    flown = Flown(tmp_path / "truth.jsonl")
+    with flown.truth:
+        flown.arm()
+        flown.tell(crtp.HIGH_LEVEL, 0, "BBff?f", 7, 0, 1.0, 0.0, True, 2.0)
+        flown.run(12.0)
+        before = float(flown.firmware.body.position[2])
+        for _ in range(60):
+            flown.tell(crtp.GENERIC, 0, "Bffff", 8, 0.0, 0.0, 0.0, 0.0)
+            flown.run(0.05)
+    assert 0.05 < before - flown.firmware.body.position[2] < 0.4  # the change of mode resets the vertical integral

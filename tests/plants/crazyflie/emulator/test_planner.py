@@ -14,7 +14,6 @@ from plants.crazyflie.emulator.planner import (
     GO_TO,
     GROUP_MASK,
     LAND,
-    REST,
     STOP_PLAN,
     TAKE_OFF,
     Phase,
@@ -23,6 +22,7 @@ from plants.crazyflie.emulator.planner import (
     line,
 )
 from plants.crazyflie.emulator.setpoints import STOP
+from plants.crazyflie.emulator.trajectories import REST
 
 four = st.lists(st.floats(-3, 3), min_size=4, max_size=4).map(np.array)
 
