@@ -1,7 +1,11 @@
 """``python -m agentd``, and the command ``agentd``."""
 
-import os
 import sys
+
+if __name__ == "__main__" and not sys.flags.safe_path:
+    del sys.path[0]  # the working directory: a file of a user there may have the name of any module
+
+import os
 import threading
 import time
 

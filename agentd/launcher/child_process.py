@@ -14,7 +14,7 @@ from contextlib import suppress
 from types import TracebackType
 from typing import IO, Protocol, Self
 
-PYTHON_MODULE = (sys.executable, "-m")
+PYTHON_MODULE = (sys.executable, "-P", "-m")  # whatever lies in the working directory is not imported
 FORKS_FROM = 3  # daemons from which on a server pays
 ANSWER = 60.0  # s that the server has for a daemon, its own start included
 POLL = 0.005  # s between two looks at a process that is to end

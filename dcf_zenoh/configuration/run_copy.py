@@ -17,14 +17,17 @@ from dcf_zenoh.configuration.toml_writer import table_of, toml
 from dcf_zenoh.diagnostics import Diagnostics
 from dcf_zenoh.errors import ConfigurationError, PluginError, RecordingError
 from dcf_zenoh.plugins import load, split
+from dcf_zenoh.plugins.modules_beside import COPIES, modules_in_use
+from dcf_zenoh.plugins.plugin_file import original
 
 
 def freeze(fleet: LoadedFleet, run_directory: Path) -> LoadedFleet:
     """Write into `run_directory` everything that is needed to repeat a run: the fleet file, and the files it names.
 
     Writes ``fleet.toml``, with all defaults; ``plugins/*.py`` and ``profiles/*``, copies of plug-ins and of files that
-    faults read, which the fleet file then refers to; and ``plugins.json``, the SHA-256 of each copy, and of the source
-    of each plug-in that is a module, by its name.
+    faults read, which the fleet file then refers to; ``modules/*``, copies of the modules next to the fleet file that
+    are in use; ``plugins.json``, the SHA-256 of each copy, and of the source of each plug-in that is a module, by its
+    name; and ``sources.json``, the path of each copied plug-in, for tracebacks.
 
     Returns:
         The frozen fleet, which is not checked again.
@@ -48,12 +51,14 @@ def _write_all(fleet: LoadedFleet, run_directory: Path) -> Path:
     table = table_of(fleet.spec)
     copies: dict[Path, str] = {}
     digests: dict[str, str] = {}
+    sources: dict[str, str] = {}
 
     def copy(file: str, to: str, owner: str) -> str:
         """Copy a file, once; return the name of the copy."""
         path = (fleet.folder / file).resolve()
         if path not in copies:
             copies[path] = name = _free_name(f"{to}/{path.name}", copies.values())
+            sources[name] = original(path)
             digests[name] = _copy(path, run_directory / name, owner)
         return copies[path]
 
@@ -67,6 +72,9 @@ def _write_all(fleet: LoadedFleet, run_directory: Path) -> Path:
             choice["kind"] = f"./{copy(in_file[0], 'plugins', kind)}:{in_file[1]}"
         elif ":" in kind and (source := _source_of(kind.partition(":")[0])):
             digests[kind.partition(":")[0]] = hashlib.sha256(source.read_bytes()).hexdigest()
+    for name, path in modules_in_use(fleet.folder):
+        digests[f"{COPIES}/{name}"] = _copy(path, run_directory / COPIES / name, name)
+    _write(run_directory / "sources.json", (json.dumps(sources, indent=2) + "\n").encode())
     _write(run_directory / "plugins.json", (json.dumps(digests, indent=2) + "\n").encode())
     _write(run_directory / "fleet.toml", toml(table).encode())
     return run_directory / "fleet.toml"

@@ -10,6 +10,7 @@ from typing import Any, cast
 
 from dcf_zenoh.diagnostics import listed, nearest, reason
 from dcf_zenoh.errors import PluginError
+from dcf_zenoh.plugins.modules_beside import add_to_path, import_beside, import_ours
 from dcf_zenoh.plugins.plugin_file import import_file, split
 
 Plugin = Callable[..., Any]
@@ -51,21 +52,23 @@ def load(group: str, kind: str, folder: Path) -> Plugin:
     Args:
         group: Group of the plug-in, such as ``algorithms``.
         kind: Entry point, ``package.module:Name`` or ``./file.py:Name``.
-        folder: What the paths of files are relative to.
+        folder: Folder of the fleet file. Paths of files are relative to it, and modules in it come before others.
 
     Raises:
         PluginError: There is no such kind, or it cannot be imported; the message gives the reason.
     """
     if in_file := split(kind):
         path, name = folder / in_file[0], in_file[1]
+        add_to_path(folder)
         plugin = _attribute(import_file(path, kind), name, kind)
     elif ":" in kind:
         module, _, name = kind.partition(":")
-        plugin = _attribute(_import(module, kind), name, kind)
+        plugin = _attribute(_import(lambda: import_beside(module, folder), module, kind), name, kind)
     else:
         check_known(group, kind)
         point = known(group)[kind]
-        plugin = _attribute(_import(point.module, kind), point.attr or "", kind)
+        how = import_ours if _is_ours(point) else importlib.import_module
+        plugin = _attribute(_import(lambda: how(point.module), point.module, kind), point.attr or "", kind)
     if not callable(plugin):
         raise PluginError(f"{kind} is {type(plugin).__name__}, not a class or function")
     return cast(Plugin, plugin)
@@ -94,8 +97,10 @@ def _attribute(module: ModuleType, name: str, kind: str) -> object:
     return getattr(module, name)
 
 
-def _import(module: str, kind: str) -> ModuleType:
+def _import(how: Callable[[], ModuleType], module: str, kind: str) -> ModuleType:
     try:
-        return importlib.import_module(module)
+        return how()
+    except PluginError as error:
+        raise PluginError(f"{kind}: {error}") from error
     except (Exception, SystemExit) as error:  # a script may exit
         raise PluginError(f"{kind}: importing {module} failed: {reason(error)}") from error

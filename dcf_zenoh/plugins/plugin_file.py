@@ -4,6 +4,7 @@ import ast
 import hashlib
 import importlib.abc
 import importlib.util
+import json
 import sys
 import traceback
 from collections.abc import Mapping
@@ -36,11 +37,12 @@ def import_file(path: Path, kind: str) -> ModuleType:
     """
     content = _read(path, kind)
     path = path.resolve()
+    _check_copy(path, content, kind)
     digest = hashlib.sha256(bytes(path) + b"\0" + content).hexdigest()[:16]
     name = f"dcf_zenoh_plugin_{path.stem}_{digest}"
     if name in sys.modules:
         return sys.modules[name]
-    loader = _Source(path, content)
+    loader = _Source(Path(original(path)), content)
     spec = importlib.util.spec_from_file_location(name, path, loader=loader)
     assert spec is not None
     module = importlib.util.module_from_spec(spec)
@@ -49,10 +51,36 @@ def import_file(path: Path, kind: str) -> ModuleType:
         loader.exec_module(module)
     except (Exception, SystemExit) as error:  # a script may exit
         del sys.modules[name]
-        lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == str(path)]
+        frames = traceback.extract_tb(error.__traceback__)
+        lines = [frame.lineno for frame in frames if frame.filename == loader.get_filename(name)]
         at = f", line {lines[-1]}" if lines else ""
         raise PluginError(f"{kind}: importing {path}{at} failed: {reason(error)}") from error
     return module
+
+
+def original(path: Path) -> str:
+    """Return the file that a plug-in in a run directory is a copy of, if that is unchanged; else `path` itself."""
+    try:
+        sources = json.loads((path.parents[1] / "sources.json").read_text(encoding="utf-8"))
+        source = Path(sources[f"{path.parent.name}/{path.name}"])
+        return str(source if source.read_bytes() == path.read_bytes() else path)
+    except (OSError, ValueError, LookupError, TypeError):
+        return str(path)
+
+
+def _check_copy(path: Path, content: bytes, kind: str) -> None:
+    """Refuse a plug-in in a run directory that is not the one with which the run was started.
+
+    Raises:
+        PluginError: It has another SHA-256.
+    """
+    try:
+        digests = json.loads((path.parents[1] / "plugins.json").read_text(encoding="utf-8"))
+        expected = digests[f"{path.parent.name}/{path.name}"]
+    except (OSError, ValueError, LookupError, TypeError):
+        return  # not in a run directory
+    if hashlib.sha256(content).hexdigest() != expected:
+        raise PluginError(f"{kind}: {path} was changed after the run began: its SHA-256 is not that of plugins.json")
 
 
 def peek(kind: str, folder: Path) -> Schema | None:

@@ -36,12 +36,14 @@ def test_file_that_exits_is_refused(tmp_path: Path) -> None:
 
 
 def test_file_is_imported_once_until_it_changes(folder: Path) -> None:
+    before = list(sys.path)
     first = load("plants", "./blimp.py:Blimp", folder)
     assert load("plants", f"{folder}/blimp.py:Blimp", Path("elsewhere")) is first
     (folder / "blimp.py").write_text(BLIMP.replace("3", "4"))  # same length, within the same second
     assert load("plants", "./blimp.py:Data", folder)().size == 4
     assert not (folder / "__pycache__").exists()
-    assert str(folder) not in sys.path
+    assert sys.path[: len(before)] == before  # what it imports is looked for next to it only if it is nowhere else
+    assert str(folder) in sys.path[len(before) :]
 
 
 def test_files_of_one_name_in_two_folders_are_two_modules(tmp_path: Path) -> None:
