@@ -293,7 +293,9 @@ class Agent:
 
     def _update_lost(self, now: int) -> str:
         """Find out which neighbours are lost; return the changes, in words."""
-        lost = self._exchange.lost_neighbours(now, nanoseconds(self._fleet.safety.neighbour_silent.after))
+        silent_after = nanoseconds(self._fleet.safety.neighbour_silent.after)
+        confirmed_after = self._sample_time // 2 if self._fleet.time.clock == "wall" else 0  # in the next step
+        lost = self._exchange.lost_neighbours(now, silent_after, confirmed_after)
         news = [f"neighbour {j} is lost ({how})" for j, how in lost.items() if j not in self._lost]
         news += [f"neighbour {j} is back" for j in self._lost if j not in lost]
         self._lost = lost

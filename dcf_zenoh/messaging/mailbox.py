@@ -1,12 +1,12 @@
 """Messages that have been received and are not consumed yet, in the order of sending."""
 
 from bisect import bisect_right, insort
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Iterable
 from typing import NamedTuple
 
 from dcf_zenoh.errors import MessageError
-from dcf_zenoh.message import PLACE_MAX, Last, Message
+from dcf_zenoh.message import GOODBYE, PLACE_MAX, Last, Message
 from dcf_zenoh.messaging.delivery import Delivery
 from dcf_zenoh.requests import NEVER
 
@@ -99,6 +99,8 @@ class _SenderQueue:
         """Take in the next message. One after a goodbye shows that the goodbye was none."""
         message = delivery.message
         self.next = message.sequence + 1
+        if self.goodbye:  # it was none: it must not hold up what comes after it
+            self.ready = deque([each for each in self.ready if each.message.last < GOODBYE])
         self.promise = max(self.promise, message.promise)
         if not message.last:
             self.complete_to = self.newest = (message.step, message.round)
@@ -149,6 +151,7 @@ class Mailbox:
             earlier incarnation.
         refused: Number of receptions that were no messages, or not plausible ones.
         lost: Neighbours that died -> how that was noticed.
+        restarts: Neighbour -> how often its queue has begun again, because messages contradicted it.
     """
 
     def __init__(self, senders: Iterable[int], *, first: int | None = 0, limits: Limits = Limits()) -> None:  # noqa: B008
@@ -161,6 +164,7 @@ class Mailbox:
         self.overtaken = 0
         self.refused = 0
         self.lost: dict[int, str] = {}
+        self.restarts: Counter[int] = Counter()
 
     def put(self, message: Message, entered: int, due: int | None = None) -> bool:
         """Take in one message; return whether it is news, not a duplicate or one that was overtaken.
@@ -259,6 +263,7 @@ class Mailbox:
 
     def _begin_again(self, message: Message) -> _SenderQueue:
         """Return a new queue that begins with a message which contradicts the present one."""
+        self.restarts[message.sender] += 1
         return self._restart(message.sender, message.incarnation, message.sequence)
 
     def greet(self, sender: int, incarnation: int) -> None:

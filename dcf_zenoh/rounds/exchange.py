@@ -194,6 +194,7 @@ class Exchange:
         self._sender = sender
         self._mode = mode
         self._options = options
+        self._goodbyes: dict[int, int] = {}  # neighbour -> instant at which its goodbye was first seen, ns
 
     def negotiate(
         self,
@@ -292,8 +293,14 @@ class Exchange:
         """Neighbour -> its newest position that has been received; see `Receiver`."""
         return self._receiver.positions
 
-    def lost_neighbours(self, now: int, lost_after: int) -> dict[int, str]:
+    def lost_neighbours(self, now: int, lost_after: int, confirmed_after: int = 0) -> dict[int, str]:
         """Return the neighbours that died, failed, landed or have been silent for longer than `lost_after` ns.
+
+        Args:
+            now: Fleet time, ns.
+            lost_after: Longest silence, ns.
+            confirmed_after: Time for which nothing may follow a goodbye before it is believed, ns. One that another
+                sender has made up is revoked by the next messages of the neighbour.
 
         Returns:
             Neighbour -> the reason, in words.
@@ -301,10 +308,19 @@ class Exchange:
         found = {}
         for j in self._neighbourhood.receives_from:
             silence = now - self._receiver.last_received.get(j, 0)
-            if dead := self._mailbox.dead(j):
-                found[j] = dead
-            elif self._receiver.departed.get(j) is Last.LANDED:
-                found[j] = "it has landed"
+            if j in self._mailbox.lost:
+                found[j] = self._mailbox.lost[j]
+                continue
+            said = self._said_goodbye(j)
+            since = self._goodbyes.setdefault(j, now) if said else self._goodbyes.pop(j, now)
+            if said and now - since >= confirmed_after:
+                found[j] = said
             elif silence > lost_after:
                 found[j] = f"nothing heard for {silence * 1e-9:.2f} s"
         return found
+
+    def _said_goodbye(self, j: int) -> str:
+        """Return how a neighbour has ended its flight early, by its goodbye; empty if it has not."""
+        if self._mailbox.departed(j) is Last.FAILED:
+            return "it stopped because of an error"
+        return "it has landed" if self._receiver.departed.get(j) is Last.LANDED else ""

@@ -13,7 +13,7 @@ from dcf_zenoh.messaging.mailbox import Mailbox
 from dcf_zenoh.requests import NEVER
 
 NOT_FINITE = "not finite"  # why a message counts as lost whose payload faults changed into NaN or infinity
-_NO_GOODBYE = (NEVER, 0)
+_NO_GOODBYE = (NEVER, 0, 0)
 
 
 @dataclass(slots=True)
@@ -139,7 +139,7 @@ class Receiver:
         self._names: Set[Any] = frozenset()  # of the agent's own payload
         self._names_since = 0  # round since which its payload has had them
         self.departed: dict[int, Last] = {}
-        self._goodbyes: dict[int, tuple[int, int]] = {}  # neighbour -> incarnation and number of its goodbye
+        self._goodbyes: dict[int, tuple[int, int, int]] = {}  # neighbour -> place of its goodbye, as `_place`
         self.passed: list[Note] = []
         self.last_received: dict[int, int] = {}
         self.positions: dict[int, KnownPosition] = {}
@@ -269,7 +269,7 @@ class Receiver:
             if message.position and self.positions.get(j, NOWHERE).step <= message.step <= self._step:
                 self.positions[j] = KnownPosition(message.step, message.position)
             any_sign = any_sign or message.step >= 0 or self._step < 0  # messages before the start do not count later
-            if self._goodbyes.get(j, _NO_GOODBYE) < (message.incarnation, message.sequence):
+            if self._goodbyes and self._goodbyes.get(j, _NO_GOODBYE) < self._place(message):
                 self._return(j, neighbour)
             if message.last:
                 self._finish(message, neighbour)
@@ -293,9 +293,13 @@ class Receiver:
         """Take in that its sender sends nothing more in a step, or ever."""
         if message.last >= GOODBYE:
             self.departed[message.sender] = message.last
-            self._goodbyes[message.sender] = message.incarnation, message.sequence
+            self._goodbyes[message.sender] = self._place(message)
         if message.last >= GOODBYE or message.step == self._step:
             neighbour.finished = True
+
+    def _place(self, message: Message) -> tuple[int, int, int]:
+        """Return the place of a message among all of its sender: restarts of its queue, incarnation and number."""
+        return self._mailbox.restarts[message.sender], message.incarnation, message.sequence
 
     def _return(self, j: int, neighbour: _NeighbourState) -> None:
         """Take in that `j` has sent something after its goodbye: it has come back, or the goodbye was not its own."""

@@ -14,6 +14,7 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -198,24 +199,62 @@ def request(chance: random.Random) -> bytes:
     return data
 
 
+@contextmanager
+def stranger(launch: Launch) -> Iterator[zenoh.Session]:
+    """Session of a program that is not part of the fleet, connected to all its agents."""
+    until(lambda: launch.about.get("endpoints"), "the endpoints")
+    config = zenoh.Config()
+    for key, value in {
+        "mode": "peer",
+        "connect/endpoints": list(launch.about["endpoints"].values()),
+        "listen/endpoints": [],
+        "scouting/multicast/enabled": False,
+        "scouting/gossip/enabled": False,
+    }.items():
+        config.insert_json5(key, json.dumps(value))
+    session = zenoh.open(config)
+    try:
+        yield session
+    finally:
+        session.close()  # type: ignore[no-untyped-call]
+
+
+def forged_goodbyes(folder: Path) -> dict[str, Any]:
+    """Say in the name of agent 2, in a flight, that it has failed or landed, by numbers that are due and far ahead."""
+    fleet = folder / "storm.toml"
+    fleet.write_text(FLEET, encoding="utf-8")
+    sent = 0
+    lands = "safety.neighbour_silent.then=land"
+    with Launch(fleet, folder / "run", lands) as launch, stranger(launch) as session:
+        heard: list[Message] = []
+        key = "dcf/storm/run/from/2/to/1"
+        session.declare_subscriber(key, lambda sample: heard.append(decode(sample.payload.to_bytes())))
+        publisher = session.declare_publisher(key, congestion_control=zenoh.CongestionControl.BLOCK, express=True)
+        launch.flying()
+        until(lambda: heard, "a message of agent 2", 10.0)
+        for kind, ahead in ((Last.FAILED, 1), (Last.LANDED, 1), (Last.FAILED, 1000), (Last.DONE, 1)):
+            latest = heard[-1]
+            step = NEVER if kind is Last.FAILED else latest.step + 1
+            forged = latest._replace(sequence=latest.sequence + ahead, last=kind, step=step, round=0)
+            publisher.put(encode(forged))
+            sent += 1
+            time.sleep(0.5)
+        code = launch.end()
+    return {"sent": sent, "code": code, "ends": [log.end["end"] if log.end else "" for log in logs_of(launch)]}
+
+
+def logs_of(launch: Launch) -> list[AgentLog]:
+    """Read the logs of the three agents."""
+    return [AgentLog.read((launch.folder / log_name(i)).read_bytes(), log_name(i)) for i in (1, 2, 3)]
+
+
 def through_a_fleet(chance: random.Random, folder: Path) -> dict[str, Any]:
     """Publish messages on the keys of a fleet that flies, until it has ended."""
     fleet = folder / "storm.toml"
     fleet.write_text(FLEET, encoding="utf-8")
     sent = 0
     with Launch(fleet, folder / "run") as launch:
-        until(lambda: launch.about.get("endpoints"), "the endpoints")
-        config = zenoh.Config()
-        for key, value in {
-            "mode": "peer",
-            "connect/endpoints": list(launch.about["endpoints"].values()),
-            "listen/endpoints": [],
-            "scouting/multicast/enabled": False,
-            "scouting/gossip/enabled": False,
-        }.items():
-            config.insert_json5(key, json.dumps(value))
-        session = zenoh.open(config)
-        try:
+        with stranger(launch) as session:
             drop = zenoh.CongestionControl.DROP
             links = [(i, j) for i in (1, 2, 3) for j in (1, 2, 3) if i != j]
             publishers = {
@@ -232,17 +271,15 @@ def through_a_fleet(chance: random.Random, folder: Path) -> dict[str, Any]:
                     session.get(f"dcf/storm/run/control/{link[1]}", lambda _reply: None, payload=request(chance))
                 if sent % 20 == 0:
                     time.sleep(0.002)  # agents share this machine with the storm
-        finally:
-            session.close()  # type: ignore[no-untyped-call]
         code = launch.end()
-    logs = {i: AgentLog.read((launch.folder / log_name(i)).read_bytes(), log_name(i)) for i in (1, 2, 3)}
-    errors = {i: (launch.folder / f"agent-{i}.err") for i in logs}
+    logs = logs_of(launch)
+    errors = [launch.folder / f"agent-{i}.err" for i in (1, 2, 3)]
     return {
         "sent": sent,
         "code": code,
-        "ends": [log.end["end"] if log.end else "" for log in logs.values()],
-        "refused": [log.end["counts"]["refused"] if log.end else 0 for log in logs.values()],
-        "logged": [path.stat().st_size for path in errors.values() if path.exists()],
+        "ends": [log.end["end"] if log.end else "" for log in logs],
+        "refused": [log.end["counts"]["refused"] if log.end else 0 for log in logs],
+        "logged": [path.stat().st_size for path in errors if path.exists()],
     }
 
 

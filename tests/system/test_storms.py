@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.storms import through_a_fleet, through_the_codec, through_the_receiver
+from tests.support.storms import forged_goodbyes, through_a_fleet, through_the_codec, through_the_receiver
 
 MEMORY = 128 * 1024  # KiB by which a process may grow
 
@@ -32,3 +32,11 @@ def test_fleet_flies_on_through_a_storm(tmp_path: Path) -> None:
     assert all(end in ("arrived", "done") for end in found["ends"])
     assert min(found["refused"]) > 100
     assert max(found["logged"]) < 4096
+
+
+@pytest.mark.real_time
+def test_forged_goodbyes_end_no_flight(tmp_path: Path) -> None:
+    found = forged_goodbyes(tmp_path)
+    assert found["sent"] == 4
+    assert found["code"] == 0
+    assert all(end in ("arrived", "done") for end in found["ends"])
