@@ -57,7 +57,7 @@ def run(options: Namespace) -> int:
     from agentd.daemon.daemon import Assignment, run_agent  # noqa: PLC0415
     from agentd.daemon.output import claim_stdout, detach_output  # noqa: PLC0415
     from agentd.operator_file import OperatorFile  # noqa: PLC0415
-    from dcf_zenoh.messaging.address import Address  # noqa: PLC0415
+    from dcf_zenoh.messaging.address import Address, prefix_of  # noqa: PLC0415
 
     status = claim_stdout() if options.supervised else None
     fleet = load_fleet(options, unused=not options.supervised)  # the launcher has checked unused tables
@@ -85,9 +85,8 @@ def run(options: Namespace) -> int:
         agreed=options.yes,
     )
     if not options.supervised:
-        address = Address(
-            f"dcf/{fleet.spec.name}/{task.run}", "", tuple(task.endpoints.values()), fleet.spec.zenoh.settings
-        )
+        endpoints_of_all, settings = tuple(task.endpoints.values()), fleet.spec.zenoh.settings
+        address = Address(prefix_of(fleet.spec.name, task.run), "", endpoints_of_all, settings)
         OperatorFile.of(fleet.spec.name, fleet.spec.ids, address).write(folder)
     detach_output()
     try:

@@ -2,6 +2,8 @@
 
 import json
 import os
+import re
+import shutil
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from datetime import datetime
@@ -10,6 +12,11 @@ from typing import Any
 
 from dcf_zenoh.errors import RecordingError
 from dcf_zenoh.spec import FleetSpec
+
+_STARTED = (  # what is written before an agent's first record
+    "run.json", "operator.json", "fleet.toml", "plugins.json", "sources.json", "plugins", "modules", "profiles"
+)  # fmt: skip
+_LOG, _ERRORS = re.compile(r"agent-[0-9]+\.msgpack"), re.compile(r"agent-[0-9]+\.err")
 
 
 def new_run_folder(fleet: FleetSpec, out: Path | None) -> Path:
@@ -35,11 +42,29 @@ def new_folder(name: str, out: Path | None) -> Path:
     folder = out or Path("runs") / f"{name}-{datetime.now():%Y%m%d-%H%M%S}-{os.getpid()}"
     try:
         folder.mkdir(parents=True, exist_ok=True)
+        if _holds_only_a_start(folder):
+            _clear(folder)
         if any(folder.iterdir()):
             raise RecordingError(f"{folder}: this directory is not empty; choose another with --out")
     except OSError as error:
         raise RecordingError(f"{folder}: cannot be written: {error.strerror}") from error
     return folder
+
+
+def _holds_only_a_start(folder: Path) -> bool:
+    """Return whether a directory holds what a start that failed has left: files of ours, and no record of an agent."""
+    entries = list(folder.iterdir())
+    logs = {path for path in entries if _LOG.fullmatch(path.name)}
+    ours = all(each in logs or each.name in _STARTED or _ERRORS.fullmatch(each.name) for each in entries)
+    return ours and not any(path.stat().st_size for path in logs) and "ended" in read_run_json(folder)
+
+
+def _clear(folder: Path) -> None:
+    for each in folder.iterdir():
+        if each.is_dir():
+            shutil.rmtree(each)
+        else:
+            each.unlink()
 
 
 @contextmanager

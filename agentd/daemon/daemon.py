@@ -23,7 +23,7 @@ from dcf_zenoh.errors import Interrupted, LogIncomplete, NetworkError, NotReady,
 from dcf_zenoh.graph import Neighbourhood
 from dcf_zenoh.loop.agent import Ending
 from dcf_zenoh.message import VERSION, Last
-from dcf_zenoh.messaging.address import Address, endpoints_to_connect
+from dcf_zenoh.messaging.address import Address, endpoints_to_connect, prefix_of
 from dcf_zenoh.messaging.events import Agreed, Stop
 from dcf_zenoh.messaging.handshake import ClockOffset
 from dcf_zenoh.messaging.network import Network
@@ -173,7 +173,7 @@ def _address(fleet: FleetSpec, task: Assignment, neighbourhood: Neighbourhood) -
     linked = sorted({*neighbourhood.receives_from, *neighbourhood.sends_to})
     wall = fleet.time.clock == "wall"
     return Address(
-        prefix=f"dcf/{fleet.name}/{task.run}",
+        prefix=prefix_of(fleet.name, task.run),
         listen=task.endpoints[task.agent],
         connect=endpoints_to_connect(task.agent, linked, task.endpoints),
         settings=fleet.zenoh.settings,

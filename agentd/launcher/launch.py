@@ -26,7 +26,7 @@ from dcf_zenoh.config import LoadedFleet, freeze
 from dcf_zenoh.configuration.building.problem_and_plant import plant_classes
 from dcf_zenoh.configuration.checks.bodies import shared_devices
 from dcf_zenoh.errors import ConfigurationError, DcfError, Interrupted, RecordingError
-from dcf_zenoh.messaging.address import Address, check_settings
+from dcf_zenoh.messaging.address import Address, check_settings, prefix_of
 from dcf_zenoh.plugins import load
 
 REACTION = 2.0  # s that other daemons have to end by themselves after one has failed
@@ -145,7 +145,7 @@ def _describe_run(fleet: LoadedFleet, folder: Path, endpoints: Mapping[int, str]
         "endpoints": endpoints,
     }
     _write_run_json(folder, run_json)
-    prefix = f"dcf/{fleet.spec.name}/{run_json['run']}"
+    prefix = prefix_of(fleet.spec.name, run_json["run"])
     address = Address(prefix, "", tuple(endpoints.values()), fleet.spec.zenoh.settings)
     OperatorFile.of(fleet.spec.name, fleet.spec.ids, address).write(folder)
     return run_json

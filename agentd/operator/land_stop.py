@@ -17,6 +17,7 @@ from dcf_zenoh.errors import ConfigurationError, DcfError
 TIMEOUT = 3.0  # s for the answers of all agents
 TIMEOUT_ENDED = 1.0  # s, if the launcher has noted that the run has ended
 RUNS = Path("runs")
+RUNS_MAX = 4  # runs of a fleet that are asked
 
 
 def main(how: Literal["land", "stop"], name: str) -> int:
@@ -43,13 +44,18 @@ def end_flight(name: str, how: Literal["land", "stop"]) -> int:
         RecordingError: There is no such run.
         NetworkError: Zenoh cannot be opened.
     """
-    folder, fleet = _find(name)
-    ended = _ended(folder)
-    timeout = TIMEOUT_ENDED if ended else TIMEOUT
     request = STOP if how == "stop" else LAND
-    replies = send_queries(fleet.prefix, fleet.settings, dict.fromkeys(fleet.agents, request), timeout)
-    if ended and not replies:
-        raise ConfigurationError("this run is over", str(folder))
+    runs = _find(name)
+    for folder, fleet in runs:
+        ended = _ended(folder)
+        timeout = TIMEOUT_ENDED if ended else TIMEOUT
+        replies = send_queries(fleet.prefix, fleet.settings, dict.fromkeys(fleet.agents, request), timeout)
+        if replies:
+            break
+    else:
+        folder, fleet = runs[0]
+        if _ended(folder):
+            raise ConfigurationError("this run is over", str(folder))
     complaints = []
     for agent in fleet.agents:
         if agent not in replies:
@@ -61,23 +67,27 @@ def end_flight(name: str, how: Literal["land", "stop"]) -> int:
     return print_complaints(complaints)
 
 
-def _find(name: str) -> tuple[Path, OperatorFile]:
-    """Return the directory and the operator's file of a run directory, or of the newest run of a fleet.
+def _find(name: str) -> list[tuple[Path, OperatorFile]]:
+    """Return the directory and the operator's file of a run directory, or of the runs of a fleet that may fly.
+
+    Of a fleet these are the newest `RUNS_MAX` runs whose end no launcher has noted, newest first; if there is none, the
+    newest run.
 
     Raises:
         RecordingError: There is no such run.
     """
     if found := OperatorFile.read(Path(name)):
-        return Path(name), found
+        return [(Path(name), found)]
     if not Path(name).is_dir():
         paths = sorted(RUNS.glob(f"*/{NAME}"), key=lambda path: path.stat().st_mtime_ns, reverse=True)
-        for path in paths:
-            if (found := OperatorFile.read(path.parent)) and found.fleet == name:
-                return path.parent, found
+        runs = [(each.parent, found) for each in paths if (found := OperatorFile.read(each.parent))]
+        named = [(folder, file) for folder, file in runs if file.fleet == name]
+        if named:
+            return [each for each in named if not _ended(each[0])][:RUNS_MAX] or named[:1]
     from agentd.operator.running_fleet import RunningFleet, find_run  # noqa: PLC0415 - imports all that a fleet needs
 
     run = RunningFleet.read(find_run(name))  # of an earlier version
-    return run.folder, OperatorFile.of(run.fleet.spec.name, run.fleet.spec.ids, run.address)
+    return [(run.folder, OperatorFile.of(run.fleet.spec.name, run.fleet.spec.ids, run.address))]
 
 
 def _ended(folder: Path) -> bool:

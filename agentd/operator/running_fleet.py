@@ -12,7 +12,7 @@ from agentd.run_directory import read_run_json
 from dcf_zenoh.config import LoadedFleet, load
 from dcf_zenoh.diagnostics import listed, nearest
 from dcf_zenoh.errors import RecordingError
-from dcf_zenoh.messaging.address import Address
+from dcf_zenoh.messaging.address import Address, prefix_of
 from dcf_zenoh.records.agent_log import AgentLog, has_log
 
 RUNS = Path("runs")
@@ -82,7 +82,7 @@ class RunningFleet:
             (str(log.header["run"]) for log in self.logs.values() if "run" in log.header), "manual"
         )
         endpoints = self.run_json.get("endpoints") or default_endpoints(spec)
-        return Address(f"dcf/{spec.name}/{run}", "", tuple(map(str, endpoints.values())), spec.zenoh.settings)
+        return Address(prefix_of(spec.name, run), "", tuple(map(str, endpoints.values())), spec.zenoh.settings)
 
 
 def find_run(name: str) -> Path:

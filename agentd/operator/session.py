@@ -63,7 +63,10 @@ def send_queries(
     except zenoh.ZError as error:
         raise NetworkError(f"cannot reach {settings.get('connect/endpoints')}: {error}") from error
     with session:
-        queriers = {agent: session.declare_querier(f"{prefix}/control/{agent}", timeout=timeout) for agent in requests}
+        try:
+            queriers = {i: session.declare_querier(f"{prefix}/control/{i}", timeout=timeout) for i in requests}
+        except zenoh.ZError as error:
+            raise NetworkError(f"{prefix!r} is no start of a Zenoh key: {error}") from error
         listeners = [each.declare_matching_listener(partial(on_match, agent)) for agent, each in queriers.items()]
         sent = set()
         while len(replies) < len(requests):

@@ -168,10 +168,12 @@ class Me:
         """Return the weighted mean of entry `name` over the in-neighbours and the agent itself.
 
         It is summed in order of ids. The weight of a missing neighbour goes to the agent itself, so the weights always
-        sum to 1.
+        sum to 1. A neighbour whose payload has no such entry, or one of another shape, counts as missing, and is kept
+        in `misshapen`.
 
         Raises:
-            AlgorithmError: A payload has no such entry, or the entries differ in shape.
+            AlgorithmError: The agent's own payload has no such entry, or several neighbours have the entry and all of
+                them in another shape.
         """
         weights, payloads = self.neighbourhood.weights, inbox.payloads
         own_weight = weights[self.id]
@@ -187,17 +189,30 @@ class Me:
                 else:
                     continue
                 if total is None:
-                    total, first, shape = term, j, getattr(term, "shape", ())
+                    total, shape = term, getattr(term, "shape", ())
                 elif getattr(term, "shape", ()) != shape:  # numpy would stretch one of them
-                    raise AlgorithmError(
-                        f"the entries {name!r} to mix differ in shape: {shape} from agent {first},"
-                        f" {np.shape(term)} from agent {j}"
-                    )
+                    return self._mix_alike(inbox, name)
                 else:
                     total += term  # terms are new arrays, so no payload changes
         except KeyError:
-            raise AlgorithmError(f"a payload has no entry {name!r} to mix") from None
+            return self._mix_alike(inbox, name)
         return total
+
+    def _mix_alike(self, inbox: Inbox, name: str) -> Any:
+        """Mix the entries that have the shape of the agent's own."""
+        if name not in inbox.own:
+            raise AlgorithmError(f"the agent's own payload has no entry {name!r} to mix")
+        wanted = np.shape(inbox.own[name])
+        shapes = {j: np.shape(each[name]) if name in each else None for j, each in inbox.payloads.items()}
+        wrong = {j: shape for j, shape in shapes.items() if shape != wanted}
+        if len(wrong) == len(shapes) > 1 and None not in wrong.values():
+            others = ", ".join(f"{shape} from agent {j}" for j, shape in wrong.items())
+            raise AlgorithmError(f"the entries {name!r} to mix differ in shape: {wanted} here, {others}")
+        for j, shape in wrong.items():
+            found = f"no entry {name!r}" if shape is None else f"{name!r} of shape {shape}, expected {wanted}"
+            self.misshapen[j] = found
+        right = {j: each for j, each in inbox.payloads.items() if j not in wrong}
+        return self.mix(inbox.replaced(inbox.own, right), name)
 
     def note(self, **values: Any) -> None:
         """Note values of this round for the log, which has them if ``log.rounds = true``."""

@@ -58,6 +58,12 @@ def _violations(run: "Run") -> Iterator[Finding]:
 def _incomplete(run: "Run") -> Iterator[Finding]:
     """Yield a finding for each agent of which not all is known: what it did then may have been anything."""
     yield from (Finding("incomplete", text) for text in run.gaps)
+    for agent, log in run.agents.items():
+        for number, (step, end) in enumerate(log.earlier, 1):
+            if end is None:
+                after = f"step {step}" if step >= 0 else "nothing"
+                text = f"agent {agent}'s life {number} of {log.lives} broke off after {after}; it was started again"
+                yield Finding("incomplete", text)
 
 
 def _not_arrived(run: "Run") -> Iterator[Finding]:
@@ -87,5 +93,5 @@ def _deadlines(run: "Run") -> Iterator[Finding]:
 def _messages(run: "Run") -> Iterator[Finding]:
     for kind, text in _MESSAGES.items():
         for agent, log in run.agents.items():
-            if log.end is not None and (count := log.end["counts"].get(kind, 0)):
+            if count := log.counts.get(kind, 0):
                 yield Finding(kind, f"agent {agent} {text.format(count=count)}")

@@ -71,6 +71,11 @@ class Address:
         return {**defaults, **self.settings}
 
 
+def prefix_of(fleet: str, run: str) -> str:
+    """Return the start of all keys of a run; characters of its name that no key may have become underscores."""
+    return f"dcf/{fleet}/{re.sub('[*$#?/]', '_', run)}"
+
+
 def _links(endpoint: str) -> list[str]:
     """Return the Zenoh endpoints of the links that an endpoint stands for; one with metadata stands for itself."""
     protocol, _, rest = endpoint.partition("/")

@@ -1,6 +1,7 @@
 """Log of one agent, as arrays."""
 
 import gc
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -49,6 +50,7 @@ class AgentLog:
         end: End of the log: 'end' (reason), 'time' (ns), 'state', 'counts', 'remark', and 'unmet', the parts of
             payloads on which faults of the links to this agent should have acted and that no message had; None if the
             log was cut off in its last life, or is damaged.
+        earlier: Last step and end of each earlier life; no end of a life that broke off.
         damage: Source, place and kind of the damage, in one line; empty if there is none. What follows is left out.
     """
 
@@ -73,6 +75,7 @@ class AgentLog:
     remarks: tuple[str, ...]
     events: tuple[Mapping[str, Any], ...]
     end: Mapping[str, Any] | None
+    earlier: tuple[tuple[int, Mapping[str, Any] | None], ...] = ()
     damage: str = ""
 
     def rows(self, steps: int) -> Integers:
@@ -87,6 +90,15 @@ class AgentLog:
     def negotiation(self) -> Array:
         """Fleet time from sensing to acting, s, shape (K,): all computation and waiting in a step."""
         return self.acted - self.sensed
+
+    @property
+    def counts(self) -> Mapping[str, int]:
+        """Counts of all lives together, as far as they have an end."""
+        ends = [end for _, end in self.earlier] + [self.end]
+        total: Counter[str] = Counter()
+        for end in ends:
+            total.update(end["counts"] if end else {})
+        return total
 
     @property
     def landed(self) -> str:
@@ -166,6 +178,7 @@ class AgentLog:
             remarks=tuple(r.remark for r in steps),
             events=tuple(found.events),
             end=found.end,
+            earlier=tuple(found.earlier),
             damage=found.damage and f"{source}: {found.damage}",
         )
 

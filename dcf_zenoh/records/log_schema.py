@@ -70,6 +70,7 @@ class Records:
         steps: Control steps, ascending.
         events: Events between the steps.
         end: End of the last life; None if the log was cut off in it, or is damaged.
+        earlier: Last step and end of each earlier life; no end of one that broke off.
         damage: Place and kind of the damage; empty if there is none.
     """
 
@@ -78,6 +79,7 @@ class Records:
     steps: list[StepRecord] = field(default_factory=list)
     events: list[dict[Any, Any]] = field(default_factory=list)
     end: dict[Any, Any] | None = None
+    earlier: list[tuple[int, dict[Any, Any] | None]] = field(default_factory=list)
     damage: str = ""
     _begun: bool = False  # whether there is a step since the last header
 
@@ -147,6 +149,8 @@ class Records:
         if self.lives and any(header.get(name) != self.header.get(name) for name in OWNER):
             raise ValueError(f"a header of {owner_of(header)} in the log of {owner_of(self.header)}")
         self.header = self.header or header
+        if self.lives:
+            self.earlier.append((self.steps[-1].step if self.steps else -1, self.end))
         self.lives += 1
         self._begun = False
         self.end = None  # that of an earlier life

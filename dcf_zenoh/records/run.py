@@ -373,7 +373,7 @@ class Run:
         received, missing, late, lost = (
             int(sum(counts[:, column].sum() for log in logs for counts in log.links.values())) for column in range(4)
         )
-        never_came = sum(log.end["counts"].get("lost", 0) for log in logs if log.end)
+        never_came = sum(log.counts.get("lost", 0) for log in logs)
         lost_by = Counter(each.lost_by for log in logs for each in log.passed if each.lost_by)
         unmet = Counter(f"{fault}: {what}" for log in logs if log.end for _, fault, what in log.end["unmet"])
         notes: Counter[str] = Counter()
@@ -402,7 +402,7 @@ class Run:
             "ended_by": self.endings,
             "deadline_misses": int(sum(log.late.sum() for log in logs)),
             "messages": {
-                "published": sum(log.end["counts"].get("published", 0) for log in logs if log.end),
+                "published": sum(log.counts.get("published", 0) for log in logs),
                 "delivered": received + late,
                 "lost": lost + never_came,
                 "late": late,

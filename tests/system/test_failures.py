@@ -259,7 +259,11 @@ def test_what_breaks_in_one_agent_ends_the_fleet_in_virtual_time(
             AlgorithmError,
             f"agent 2: step 3 round 3: ZeroDivisionError: division by zero (fragile.py:{LINE['1 / 0']})",
         ),
-        ("algorithm.fails='mix'", AlgorithmError, "agent 2: step 3 round 3: a payload has no entry 'y' to mix"),
+        (
+            "algorithm.fails='mix'",
+            AlgorithmError,
+            "agent 2: step 3 round 3: the agent's own payload has no entry 'y' to mix",
+        ),
         (
             "algorithm.fails='residual'",
             NumericalError,

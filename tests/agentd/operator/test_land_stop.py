@@ -1,6 +1,7 @@
 """Flights of real daemons that an operator or a signal ends: every body comes down."""
 
 import fcntl
+import json
 import os
 import signal
 import subprocess
@@ -81,6 +82,23 @@ def test_agentd_land_lands_all_bodies(sandbox: Sandbox, tmp_path: Path) -> None:
         check_all_landed(sandbox, launch.folder, "landed by an operator")
         again = agentd("land", str(launch.folder))
         assert (again.returncode, again.stderr) == (2, f"agentd: {launch.folder}: this run is over\n")
+
+
+def test_the_run_of_a_fleet_that_flies_is_found_although_a_newer_one_is_over(sandbox: Sandbox, tmp_path: Path) -> None:
+    flown = tmp_path / "runs" / "old"
+    with Launch(sandbox.file, flown, *WALL) as launch:
+        launch.flying()
+        name = str(launch.about["fleet"])
+        newer = tmp_path / "runs" / "new"
+        newer.mkdir()
+        for file in ("operator.json", "run.json"):
+            content = json.loads((flown / file).read_text())
+            text = json.dumps({**content, "ended": "now"}).replace("/run/", "/new/").replace("/old", "/new")
+            (newer / file).write_text(text)
+        command = [sys.executable, "-m", "agentd", "land", name]
+        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=30, check=False)
+        assert (done.returncode, done.stderr) == (0, "")
+        assert launch.end() == 1
 
 
 def test_a_flight_that_did_not_begin_leaves_logs_and_no_figures(sandbox: Sandbox, tmp_path: Path) -> None:

@@ -1,9 +1,11 @@
 """The mean of values, where mixing finds it and where only push-sum does."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
-from dcf_zenoh.algorithms.algorithm import Algorithm
+from dcf_zenoh.algorithms.algorithm import Algorithm, Inbox
 from dcf_zenoh.algorithms.average_consensus import average_consensus
 from dcf_zenoh.algorithms.push_sum import push_sum
 from dcf_zenoh.errors import AlgorithmError
@@ -102,3 +104,21 @@ def test_entries_of_another_shape_are_not_stretched_to_be_mixed() -> None:
         4: {3: "'x' of shape (2,), expected (1,)"},
         5: {},
     }
+
+
+def test_a_neighbour_whose_entry_cannot_be_mixed_counts_as_missing_in_any_algorithm() -> None:
+    me = fleet_of(graph("complete", FIVE))[1]
+    own = {"x": np.array([1.0, 2.0])}
+    weights = me.neighbourhood.weights
+
+    def mixed(others: dict[int, dict[str, Any]]) -> Any:
+        return me.mix(Inbox(own, others, stop=False), "x")
+
+    right = {j: {"x": np.array([float(j), 0.0])} for j in (2, 3)}
+    expected = (weights[1] + weights[4] + weights[5]) * own["x"] + sum(weights[j] * right[j]["x"] for j in right)
+    assert mixed({**right, 4: {"x": np.zeros(3)}, 5: {}}) == pytest.approx(expected)
+    assert me.take_misshapen() == {4: "'x' of shape (3,), expected (2,)", 5: "no entry 'x'"}
+    with pytest.raises(AlgorithmError, match=r"differ in shape: \(2,\) here, \(3,\) from agent 2, \(3,\) from agent 3"):
+        mixed({2: {"x": np.zeros(3)}, 3: {"x": np.zeros(3)}})
+    with pytest.raises(AlgorithmError, match="the agent's own payload has no entry 'y' to mix"):
+        me.mix(Inbox(own, right, stop=False), "y")

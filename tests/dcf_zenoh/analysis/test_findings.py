@@ -146,3 +146,14 @@ def test_violation_is_red_on_a_terminal_and_bold_without_colours(
     with console.capture() as printed:
         console.print(*finding_lines("a run", [Finding("violation", "agents 1 and 2 were too close")]))
     assert printed.get() == f"{before}a run: agents 1 and 2 were too close{after}\n"
+
+
+def test_a_life_that_broke_off_is_found_although_a_later_one_ended(short: Run) -> None:
+    log = short.agents[2]
+    assert log.end is not None
+    ended = {**log.end, "counts": {**log.end["counts"], "refused": 3}}
+    lives = {2: replace(log, lives=3, earlier=((1, ended), (3, None)))}
+    run = replace(short, agents={**short.agents, **lives})
+    texts = [each.text for each in run.findings]
+    assert "agent 2's life 2 of 3 broke off after step 3; it was started again" in texts
+    assert "agent 2 refused 3 messages: not readable, or not plausible" in texts

@@ -135,6 +135,8 @@ def test_end_of_an_earlier_life_is_not_that_of_one_that_was_killed(data: bytes) 
     assert AgentLog.read(repacked(lives[:5]), "a log").end is not None
     log = AgentLog.read(repacked(lives), "a log")
     assert (log.lives, len(log.step), log.end, log.damage) == (2, 5, None, "")
+    assert log.earlier == ((2, end),)
+    assert log.counts == end["counts"]
 
 
 @settings(max_examples=100, derandomize=True, deadline=None)
@@ -219,6 +221,7 @@ def test_a_second_life_is_read_and_that_of_another_agent_is_damage(data: bytes) 
     lives = [header, *steps[:3], {**header, "incarnation": 1}, *steps[6:], end]
     log = AgentLog.read(repacked(lives), "a log")
     assert (log.lives, log.step.tolist(), log.damage) == (2, [0, 1, 2, 6, 7, 8, 9], "")
+    assert log.earlier == ((2, None),)
     lives[4] = {**header, "agent": 3}
     log = AgentLog.read(repacked(lives), "a log")
     assert (log.lives, len(log.step), log.end) == (1, 3, None)
