@@ -117,13 +117,13 @@ def check(options: Namespace) -> int:
 
     All problems are reported at once. The code of plug-ins that are not part of dcf-zenoh is not run, unless --load
     is given: their files are read, not executed. A built-in problem that is solved once is solved in one place, and a
-    note says if it has no solution.
+    note says if it has no solution, or if exchange.threshold is too large for its size.
     """
-    from dcf_zenoh.analysis.oracle import unsolvable  # noqa: PLC0415 - imports OSQP
+    from dcf_zenoh.analysis.one_off import note_on_problem  # noqa: PLC0415 - imports scipy
 
     fleet = load_fleet(options, run_plugins=options.load)
-    if reason := unsolvable(fleet):
-        print_note(f"problem: {reason}")
+    if note := note_on_problem(fleet):
+        print_note(note)
     print(to_toml(fleet.spec), end="")
     return 0
 

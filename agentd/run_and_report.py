@@ -181,7 +181,7 @@ def check_findings(runs: Sequence[Run], options: Namespace) -> None:
 
 def consult_oracle(runs: Sequence[Run]) -> "list[Oracle]":
     """Compare each run with its central solution; print a note and return an empty list if that fails for one."""
-    from dcf_zenoh.analysis.oracle import NoOracle, consult  # noqa: PLC0415 - imports OSQP
+    from dcf_zenoh.analysis.oracle import NoOracle, consult  # noqa: PLC0415 - imports scipy
 
     try:
         return [consult(run) for run in runs]

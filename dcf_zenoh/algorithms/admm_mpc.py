@@ -40,8 +40,8 @@ def admm_mpc(
             multipliers. None: such a step is an error.
 
     Raises:
-        AlgorithmError: The game has no potential, or the local problem has no solution; the message then has the
-            solver's status.
+        AlgorithmError: The game has no potential, or the local problem has no solution; the message tells the
+            reason.
 
     Source: Summers and Lygeros, "Distributed model predictive consensus via the alternating direction method of
     multipliers", Allerton Conference, 2012; Rey, Pan, Hauswirth, Lygeros, "Fully decentralized ADMM for coordination

@@ -7,7 +7,7 @@ from dcf_zenoh.algorithms.needs import needs
 from dcf_zenoh.errors import AlgorithmError
 from dcf_zenoh.message import Value
 from dcf_zenoh.plant import Array
-from dcf_zenoh.problems.central import solve_together
+from dcf_zenoh.problems.central import solve_with_residual
 from dcf_zenoh.problems.problem import AggregativeGame, ConsensusProblem, CoupledProblem, Game
 from dcf_zenoh.problems.share import Share, Shareable
 
@@ -18,7 +18,7 @@ ANSWER = "answer."  # prefix of the payload entries that hold the answer
 def centralised(problem: Shareable, me: Me, *, hub: int | None = None) -> Dialogue[Result]:
     """Flood all shares of the problem to one agent, the hub, and its answer back to all.
 
-    The hub has all shares after as many rounds as there are hops to the farthest agent, and solves them by OSQP; the
+    The hub has all shares after as many rounds as there are hops to the farthest agent, and solves them; the
     others have the answer as many rounds later. Lost messages only delay it. The residual is infinite until an agent
     has the answer, then 0. An agent that must stop before decides on its last decision, or on zeros.
 
@@ -28,8 +28,8 @@ def centralised(problem: Shareable, me: Me, *, hub: int | None = None) -> Dialog
         hub: Id of the agent that solves; None: the lowest id.
 
     Raises:
-        AlgorithmError: There is no agent `hub`, the problem has no `share` method, or it has no solution; the message
-            then has the solver's status.
+        AlgorithmError: There is no agent `hub`, the problem has no `share` method, it has no solution, or none is
+            found; the message tells which.
     """
     solver = me.agents[0] if hub is None else hub
     if solver not in me.agents:
@@ -41,7 +41,10 @@ def centralised(problem: Shareable, me: Me, *, hub: int | None = None) -> Dialog
     answer: dict[str, Value] = {}
     while True:
         if me.id == solver and not answer and len(shares := Share.all_in(known)) == me.count:
-            answer = {f"{ANSWER}{i}": u for i, u in solve_together(shares).items()}
+            found = solve_with_residual(shares)
+            answer = {f"{ANSWER}{i}": u for i, u in found.decisions.items()}
+            if not found.accurate:
+                me.note(inaccurate=found.residual)
         inbox = yield answer or known, 0.0 if answer else float("inf")
         for payload in inbox.values():
             received = {name: value for name, value in payload.items() if name.startswith(ANSWER)}

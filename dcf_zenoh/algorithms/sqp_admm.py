@@ -46,8 +46,8 @@ def sqp_admm(
             multipliers. None: such a step is an error.
 
     Raises:
-        AlgorithmError: The game has no potential, or the local problem has no solution; the message then has the
-            solver's status.
+        AlgorithmError: The game has no potential, or the local problem has no solution; the message tells the
+            reason.
 
     Source: Stomberg, Engelmann, Faulwasser, "Decentralized non-convex optimization via bi-level SQP and ADMM", IEEE
     Conference on Decision and Control, 2022; with a fixed number of inner rounds as in Stomberg, Ebel, Faulwasser,

@@ -1,6 +1,6 @@
 """Comparison of the agents' decisions with the central solution of every step of a run.
 
-The solver is OSQP, on the shares of all agents in one place (`dcf_zenoh.problems.central`), independent of the
+The solver has the shares of all agents in one place (`dcf_zenoh.problems.central`), and is independent of the
 distributed algorithms. The problem of a step is the one that the agents would pose if each had the recorded states of
 all. Its solution is the least sum of costs, or the variational equilibrium of a game. Detours of agents are repeated
 here: the oracle judges the solutions of the problems, not the choice of targets.
@@ -19,7 +19,6 @@ from dcf_zenoh.controllers.detour import Detour
 from dcf_zenoh.controllers.receding_horizon import AimedProblem, ModelledProblem
 from dcf_zenoh.errors import AlgorithmError
 from dcf_zenoh.plant import Array, Setpoint, State, read_only
-from dcf_zenoh.plugins import is_built_in
 from dcf_zenoh.problems.central import solve_together
 from dcf_zenoh.problems.share import Share, Shareable
 from dcf_zenoh.problems.shared.prediction import state_ahead
@@ -103,7 +102,7 @@ def consult(run: Run) -> Oracle:
                 unsolved[step] = f"took no part: {', '.join(map(str, absent))}"
                 continue
             posed = _posed(run, {i: _toward(problem, aims.get(i)) for i, problem in problems.items()}, taken)
-            shares = {i: _share(each) for i, each in posed.items()}
+            shares = {i: share_of(each) for i, each in posed.items()}
             decisions = {i: run.agents[i].decision[taken[i]][: len(share.g)] for i, share in shares.items()}
             if not any(share.t.size for share in shares.values()):
                 violation[row] = _violation(shares, decisions)
@@ -124,26 +123,6 @@ def consult(run: Run) -> Oracle:
         residual=read_only(residual),
         unsolved=unsolved,
     )
-
-
-def unsolvable(fleet: LoadedFleet) -> str | None:
-    """Return the central solver's reason why the problem of a fleet has no solution, which no round can find out.
-
-    None if there is a solution, or if the problem is posed anew in every step or has no method `share`. Plug-ins that
-    are not part of dcf-zenoh are not run.
-    """
-    spec = fleet.spec
-    if spec.controller_kind.kind != "solve_once" or not is_built_in("problems", spec.problem.kind):
-        return None
-    problems = {i: problem_of(spec, fleet.folder, i) for i in spec.ids}
-    try:
-        with threadpool_limits(1):
-            solve_together({i: _share(problem) for i, problem in problems.items()})
-    except NoOracle:
-        return None
-    except AlgorithmError as error:
-        return str(error)
-    return None
 
 
 def _row(log: AgentLog, step: int) -> int | None:
@@ -212,7 +191,8 @@ def _setpoint(row: Array) -> Setpoint:
     return Setpoint(position, velocity, acceleration if acceleration.size else None)
 
 
-def _share(posed: Any) -> Share:
+def share_of(posed: Any) -> Share:
+    """Return the share of a problem; raise `NoOracle` if it has none."""
     if not isinstance(posed, Shareable):
         raise NoOracle(f"there is no central solution to compare with: {type(posed).__name__} has no method share()")
     return posed.share()

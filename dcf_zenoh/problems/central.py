@@ -1,22 +1,35 @@
-"""The decisions of a whole fleet, found in one place from the shares of all agents, by OSQP.
-
-Source: Stellato, Banjac, Goulart, Bemporad, Boyd, "OSQP: an operator splitting solver for quadratic programs",
-Mathematical Programming Computation, 2020.
-"""
+"""The decisions of a whole fleet, found in one place from the shares of all agents; see `interior_point`."""
 
 from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
-import osqp
-from scipy import sparse
 
 from dcf_zenoh.errors import AlgorithmError
 from dcf_zenoh.plant import Array, read_only
+from dcf_zenoh.problems.interior_point import OptimalityConditions, Optimum, solve
 from dcf_zenoh.problems.share import Share
 
-TOLERANCE = 1e-11  # tolerance of the solver, absolute and relative
 SYMMETRIC = 1e-12  # relative asymmetry; a larger one makes no quadratic cost
+CONVEX = 1e-9  # relative curvature below zero; more makes no convex cost
+REASONS = {
+    "infeasible": "the problem is infeasible: its constraints contradict each other",
+    "unbounded": "the problem is unbounded: its cost has no least value",
+}
+
+
+class Together(NamedTuple):
+    """Decisions of all agents and how exact they are.
+
+    Attributes:
+        decisions: Agent -> decision, read-only.
+        residual: Largest relative residual of the optimality conditions.
+        accurate: Whether the solver reached its tolerance, `interior_point.ACCURATE`.
+    """
+
+    decisions: dict[int, Array]
+    residual: float
+    accurate: bool
 
 
 def solve_together(shares: Mapping[int, Share]) -> dict[int, Array]:
@@ -29,13 +42,25 @@ def solve_together(shares: Mapping[int, Share]) -> dict[int, Array]:
         Agent -> decision.
 
     Raises:
-        AlgorithmError: There is no solution, or none was found; the message has the solver's status.
+        AlgorithmError: There is no solution, or none was found; the message tells which.
     """
+    return solve_with_residual(shares).decisions
+
+
+def solve_with_residual(shares: Mapping[int, Share]) -> Together:
+    """Return the decisions of all agents and how exact they are; see `solve_together`."""
     if any(share.t.size for share in shares.values()):
         raise AlgorithmError("there is no solution in one place: the shared constraints are not linear")
     whole = assemble([share for _, share in sorted(shares.items())])
-    v = _minimiser(whole) if whole.symmetric else _equilibrium(whole)
-    return {agent: read_only(v[places]) for agent, places in zip(sorted(shares), whole.places, strict=True)}
+    found = solution(whole)
+    if found.status in REASONS:
+        raise AlgorithmError(f"there is no solution: {REASONS[found.status]}")
+    if found.status == "out of iterations":
+        raise AlgorithmError(
+            f"no solution was found: the solver is out of iterations at a relative residual of {found.residual:.1g}"
+        )
+    decisions = {agent: read_only(found.x[places]) for agent, places in zip(sorted(shares), whole.places, strict=True)}
+    return Together(decisions, found.residual, found.status == "solved")
 
 
 class VariationalInequality(NamedTuple):
@@ -60,7 +85,7 @@ class VariationalInequality(NamedTuple):
     @property
     def symmetric(self) -> bool:
         """Whether M is that of a quadratic cost, which all agents minimise together."""
-        scale = max(1.0, float(abs(self.M).max(initial=0.0)))
+        scale = float(abs(self.M).max(initial=0.0))
         return bool((abs(self.M - self.M.T) <= SYMMETRIC * scale).all())
 
 
@@ -110,45 +135,30 @@ def assemble(shares: list[Share]) -> VariationalInequality:
     return VariationalInequality(M, r, np.array(rows).reshape(-1, size), np.array(low), np.array(high), places)
 
 
-def _minimiser(whole: VariationalInequality) -> Array:
-    """Return the solution where M is symmetric: the minimiser of v'M v / 2 + r'v."""
-    return _osqp(whole.M, whole.r, whole.G, whole.low, whole.high)
+def solution(whole: VariationalInequality) -> Optimum:
+    """Return the solution, or the reason why there is none; multipliers are those of the rows of G.
 
-
-def _equilibrium(whole: VariationalInequality) -> Array:
-    """Return the solution of a monotone variational inequality, as that of a convex quadratic program.
-
-    Its conditions are M v + r + A'y = 0, A v <= b, y >= 0 (free for equations) and y'(b - A v) = 0. Under the first
-    three, y'(b - A v) = v'M v + r'v + b'y >= 0, so its least value is 0, and there the fourth holds too. It is convex
-    in (v, y) where M + M' is positive semidefinite.
-
-    Source: Harker and Pang, "Finite-dimensional variational inequality and nonlinear complementarity problems",
-    Mathematical Programming, 1990, Section 3.
+    Raises:
+        AlgorithmError: The cost is not convex, or the game not monotone; or a number is not finite.
     """
+    curvature = (whole.M + whole.M.T) / 2
+    largest = abs(curvature).max(axis=0, initial=0.0)
+    unit = 1.0 / np.sqrt(np.where(largest > 0, largest, 1.0))
+    scaled = unit[:, None] * curvature * unit
+    if not (np.isfinite(scaled).all() and np.isfinite(whole.r).all() and np.isfinite(whole.G).all()):
+        raise AlgorithmError("there is no solution in one place: the problem has numbers that are not finite")
+    if scaled.size and float(np.linalg.eigvalsh(scaled)[0]) < -CONVEX * len(scaled):
+        kind = "its cost is not convex" if whole.symmetric else "the game is not monotone"
+        raise AlgorithmError(f"there is no solution in one place: {kind}")
     equations = whole.low == whole.high
     above, below = np.isfinite(whole.high) & ~equations, np.isfinite(whole.low) & ~equations
     A = np.vstack((whole.G[equations], whole.G[above], -whole.G[below]))
     b = np.concatenate((whole.high[equations], whole.high[above], -whole.low[below]))
-    free = int(equations.sum())
-    n, m = len(whole.r), len(b)
-    P = np.zeros((n + m, n + m))
-    P[:n, :n] = whole.M + whole.M.T
-    G = np.block([[whole.M, A.T], [A, np.zeros((m, m))], [np.zeros((m, n)), np.eye(m)]])
-    least_y = np.where(np.arange(m) < free, -np.inf, 0.0)
-    low = np.concatenate((-whole.r, np.where(np.arange(m) < free, b, -np.inf), least_y))
-    high = np.concatenate((-whole.r, b, np.full(m, np.inf)))
-    return _osqp(P, np.concatenate((whole.r, b)), G, low, high)[:n]
-
-
-def _osqp(P: Array, q: Array, G: Array, low: Array, high: Array) -> Array:
-    """Return the z with the least z'P z / 2 + q'z under low <= G z <= high."""
-    solver = osqp.OSQP()
-    solver.setup(
-        sparse.csc_matrix(np.triu(P)), q, sparse.csc_matrix(G), low, high,
-        verbose=False, eps_abs=TOLERANCE, eps_rel=TOLERANCE, max_iter=200_000,
-        adaptive_rho_interval=50,  # in iterations, not in time: the same bits again
-    )  # fmt: skip
-    found = solver.solve(raise_error=False)
-    if found.info.status != "solved":
-        raise AlgorithmError(f"there is no solution: OSQP says {found.info.status}")
-    return np.asarray(found.x, dtype=np.float64)
+    found = solve(OptimalityConditions(whole.M, whole.r, A, b, int(equations.sum())))
+    y = np.zeros(len(whole.G))
+    for rows, prices, sign in zip(
+        (equations, above, below), np.split(found.y, np.cumsum((equations.sum(), above.sum()))), (1.0, 1.0, -1.0),
+        strict=True,
+    ):  # fmt: skip
+        y[rows] += sign * prices
+    return found._replace(y=y)

@@ -9,10 +9,10 @@ from scipy.linalg import block_diag
 
 from dcf_zenoh.errors import AlgorithmError
 from dcf_zenoh.plant import Array, read_only
-from dcf_zenoh.problems.central import VariationalInequality
+from dcf_zenoh.problems.central import REASONS, VariationalInequality, solution
 
 TOLERANCE = 1e-9  # of the solver, absolute and relative
-INFEASIBLE = ("primal infeasible", "primal infeasible inaccurate")  # status of OSQP
+USUAL = (2.0**-10, 2.0**30)  # sizes of costs and decisions for which an absolute tolerance is right
 CHECK_EVERY = 5  # iterations; a warm start needs few
 
 
@@ -33,6 +33,9 @@ class LocalQP:
 
     OSQP is set up once and keeps its factorisation; each solve starts from the last solution. Its settings count
     iterations and never measure time, so the same calls give the same bits.
+
+    Costs and decisions far from the size 1 are scaled by powers of two before. Where OSQP finds no solution, the
+    interior-point method looks for one and tells why there is none.
 
     If the program is infeasible, its inequalities are softened for good: each that is not a bound on one component gets
     a slack with a linear cost.
@@ -61,38 +64,63 @@ class LocalQP:
         self._r, self._rows = whole.r, len(whole.G)
         self._program = whole._replace(M=whole.M + weight * np.eye(len(whole.r)))
         self._slack_price = slack_price
-        self._solver = _set_up(self._program)
+        self._cost, self._length = _units(self._program)
+        self._solver = self._set_up()
         self.iterations, self.softened = 0, False
         if warm is not None and (len(warm.v), len(warm.prices)) == (len(whole.r), self._rows):
-            self._solver.warm_start(x=np.array(warm.v), y=np.array(warm.prices))
+            self._solver.warm_start(x=warm.v / self._length, y=warm.prices * (self._cost * self._length))
 
     def solve(self, pull: Array) -> Solution:
         """Return the solution for this `pull`, shape (n,).
 
         Raises:
-            AlgorithmError: There is none, or it was not found; the message has the solver's status.
+            AlgorithmError: There is none, or it was not found; the message tells which.
         """
-        n = len(self._r)
-        self._solver.update(q=np.concatenate((self._r - pull, self._program.r[n:])))
+        n, slope = len(self._r), self._cost * self._length
+        r = np.concatenate((self._r - pull, self._program.r[n:]))
+        self._solver.update(q=r * slope)
         found = self._solver.solve(raise_error=False)
-        if found.info.status in INFEASIBLE and self._slack_price is not None and not self.softened:
-            self.softened, self._program = True, _softened(self._program, self._slack_price)
-            self._solver = _set_up(self._program)
-            return self.solve(pull)
-        if found.info.status != "solved":
-            raise AlgorithmError(f"the local problem has no solution: OSQP says {found.info.status}")
         self.iterations = int(found.info.iter)
-        return Solution(read_only(found.x[:n]), read_only(found.y[: self._rows]))
+        if found.info.status == "solved":
+            return Solution(read_only(found.x[:n] * self._length), read_only(found.y[: self._rows] / slope))
+        exact = solution(self._program._replace(r=r))
+        if exact.status in ("solved", "inaccurate"):
+            self._solver.warm_start(x=exact.x / self._length, y=exact.y * slope)
+            return Solution(read_only(exact.x[:n]), read_only(exact.y[: self._rows]))
+        if exact.status == "infeasible" and self._slack_price is not None and not self.softened:
+            self.softened, self._program = True, _softened(self._program, self._slack_price)
+            self._solver = self._set_up()
+            return self.solve(pull)
+        if exact.status in REASONS:
+            raise AlgorithmError(f"the local problem has no solution: {REASONS[exact.status]}")
+        raise AlgorithmError(
+            f"no solution of the local problem was found: the solver is out of iterations at a relative residual of "
+            f"{exact.residual:.1g}"
+        )
+
+    def _set_up(self) -> osqp.OSQP:
+        program, slope, solver = self._program, self._cost * self._length, osqp.OSQP()
+        solver.setup(
+            sparse.csc_matrix(np.triu(program.M) * (slope * self._length)), program.r * slope,
+            sparse.csc_matrix(program.G), program.low / self._length, program.high / self._length,
+            verbose=False, eps_abs=TOLERANCE, eps_rel=TOLERANCE, max_iter=20_000, check_termination=CHECK_EVERY,
+            adaptive_rho_interval=25,  # in iterations, not in time: the same bits again
+        )  # fmt: skip
+        return solver
 
 
-def _set_up(program: VariationalInequality) -> osqp.OSQP:
-    solver = osqp.OSQP()
-    solver.setup(
-        sparse.csc_matrix(np.triu(program.M)), program.r, sparse.csc_matrix(program.G), program.low, program.high,
-        verbose=False, eps_abs=TOLERANCE, eps_rel=TOLERANCE, max_iter=20_000, check_termination=CHECK_EVERY,
-        adaptive_rho_interval=25,  # in iterations, not in time: the same bits again
-    )  # fmt: skip
-    return solver
+def _units(program: VariationalInequality) -> tuple[float, float]:
+    """Return the factor of the cost and the unit of decisions: powers of two, 1 for data of the usual size."""
+    steep = float(abs(program.M).max(initial=0.0))
+    norms = abs(program.G).max(axis=1, initial=0.0)
+    limits = np.concatenate((program.low, program.high)) / np.tile(np.where(norms > 0, norms, 1.0), 2)
+    least = float(abs(program.r).max(initial=0.0)) / steep if steep else 0.0
+    length = _power(max(float(abs(limits[np.isfinite(limits)]).max(initial=0.0)), least))
+    return 1.0 / _power(max(steep * length**2, float(abs(program.r).max(initial=0.0)) * length)), length
+
+
+def _power(size: float) -> float:
+    return 1.0 if size == 0 or USUAL[0] <= size <= USUAL[1] else float(2.0 ** np.round(np.log2(size)))
 
 
 def _softened(program: VariationalInequality, price: float) -> VariationalInequality:

@@ -18,6 +18,9 @@ from dcf_zenoh.problems.quadratic import Quadratic
 class Untold(Quadratic):
     share = None
 """
+INFEASIBLE = (
+    "agentd: note: problem: there is no solution: the problem is infeasible: its constraints contradict each other\n"
+)
 FLEET = """
 name = "untold"
 problem = { kind = "./untold.py:Untold" }
@@ -67,17 +70,22 @@ def test_a_problem_without_steps_is_only_told_in_numbers(tmp_path: Path, agentd:
     [
         (
             ("allocation", *(f"agents.{i}.problem.upper=1.0" for i in range(1, 5))),
-            "agentd: note: problem: there is no solution: OSQP says primal infeasible\n",
+            INFEASIBLE,
         ),
         (
             ("quadratic", "algorithm={kind='edge_admm'}", "agents.1.problem.lower=2.0", "agents.2.problem.upper=1.0"),
-            "agentd: note: problem: there is no solution: OSQP says primal infeasible\n",
+            INFEASIBLE,
+        ),
+        (
+            ("quadratic", "exchange.threshold=1.0"),
+            "agentd: note: exchange.threshold: 1 is 100% of the largest decision, 1: the agents agree before their "
+            "decisions are right; try 1e-03\n",
         ),
         (("allocation",), ""),
         (("position_swap",), ""),
     ],
 )
-def test_check_says_that_a_problem_has_no_solution(
+def test_check_says_that_a_problem_has_no_solution_or_is_too_small_for_the_threshold(
     words: tuple[str, ...], said: str, agentd: Callable[..., Answer]
 ) -> None:
     changes = [word for change in words[1:] for word in ("--set", change)]
