@@ -61,5 +61,6 @@ def admm_mpc(
         new = qp.solve(copies.pull)
         change, x = max(float(abs(new.v - x.v).max()), copies.moved), new
         me.note(u=x.v[copies.own], iterations=qp.iterations, softened=qp.softened)
+        me.violated = qp.softened
         if inbox.stop:
             return me.result(x.v[copies.own], **copies.memory(x))

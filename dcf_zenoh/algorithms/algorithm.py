@@ -139,6 +139,9 @@ class Me:
         last: Decision of the previous control step; None in the first.
         noted: Latest values given to `note`.
         misshapen: Neighbour -> what was wrong with its last payload that `without_misshapen` took for missing.
+        tolerant: A problem without a solution is solved with the least violation of its shared constraints, and is
+            no error.
+        violated: The algorithm did so in this step.
     """
 
     id: int
@@ -148,6 +151,8 @@ class Me:
     last: Array | None = None
     noted: Mapping[str, Any] = field(default_factory=dict)
     misshapen: dict[int, str] = field(default_factory=dict)
+    tolerant: bool = False
+    violated: bool = False
     _memory: Mapping[str, Any] = field(default_factory=dict)
 
     @property

@@ -12,6 +12,7 @@ from dcf_zenoh.problems.problem import AggregativeGame, ConsensusProblem, Couple
 from dcf_zenoh.problems.share import Share, Shareable
 
 ANSWER = "answer."  # prefix of the payload entries that hold the answer
+VIOLATED = f"{ANSWER}violated"  # in an answer that violates shared constraints
 
 
 @needs(ConsensusProblem, CoupledProblem, Game, AggregativeGame, traits=("linear",))
@@ -41,8 +42,10 @@ def centralised(problem: Shareable, me: Me, *, hub: int | None = None) -> Dialog
     answer: dict[str, Value] = {}
     while True:
         if me.id == solver and not answer and len(shares := Share.all_in(known)) == me.count:
-            found = solve_with_residual(shares)
+            found = solve_with_residual(shares, tolerant=me.tolerant)
             answer = {f"{ANSWER}{i}": u for i, u in found.decisions.items()}
+            if found.violated:
+                answer[VIOLATED] = 1.0
             if not found.accurate:
                 me.note(inaccurate=found.residual)
         inbox = yield answer or known, 0.0 if answer else float("inf")
@@ -51,6 +54,7 @@ def centralised(problem: Shareable, me: Me, *, hub: int | None = None) -> Dialog
             answer = answer or received
             known = known if received else {**payload, **known}
         if inbox.stop:
+            me.violated = VIOLATED in answer
             own = answer.get(f"{ANSWER}{me.id}")
             stand_in: Array = np.zeros(len(share.g)) if me.last is None else me.last
             return me.result(stand_in if own is None else np.asarray(own))

@@ -68,6 +68,7 @@ def sqp_admm(
         change = max(float(abs(new.v - x.v).max()), float(abs(new.v - near).max()), copies.moved)
         x = new
         me.note(u=x.v[copies.own], iterations=qp.iterations, softened=qp.softened)
+        me.violated = qp.softened
         inbox = yield copies.payloads(x.v), change
         copies.update(inbox)
         if inbox.stop:

@@ -10,7 +10,8 @@ from dcf_zenoh.controllers.controller import Controller, Decision
 from dcf_zenoh.controllers.detour import Detour
 from dcf_zenoh.controllers.fleet_states import FleetStates, HasSigns, Signs
 from dcf_zenoh.controllers.flooding import share_states
-from dcf_zenoh.plant import Array, Setpoint, State
+from dcf_zenoh.controllers.infeasible import FallBack, fall_back
+from dcf_zenoh.plant import Array, Setpoint, State, read_only
 from dcf_zenoh.problems.shared.prediction import state_ahead
 
 
@@ -85,6 +86,11 @@ class RecedingHorizon(Controller):
             state predicted for that instant, under the setpoint in force.
         lost_after: With "piggyback", an agent whose newest state is older than this, in s, takes no part; the others
             keep clear of its last position.
+        infeasible: What to fly in a step in which the algorithm finds that the problem, or the agent's part of it, has
+            no solution. "least_violation": the decision that violates the shared constraints least; "previous_plan":
+            the last plan, one stage further, or "brake" if there is none; "brake": a stop as fast as the limits allow;
+            "fail": the run ends. The note ``infeasible`` counts these steps. Methods of prices, such as `trades`, do
+            not find it out: they end such a step out of rounds, with bounded prices.
         detour: An agent that is stuck turns its target aside for a while; see `Detour`. Its note ``detours`` counts
             these.
 
@@ -104,6 +110,7 @@ class RecedingHorizon(Controller):
         sharing: Literal["flood", "piggyback"] = "flood",
         predict_delay: float = 0.0,
         lost_after: float = 0.6,
+        infeasible: FallBack = "least_violation",
         detour: bool = False,
     ) -> None:
         for name, value in (("predict_delay", predict_delay), ("lost_after", lost_after)):
@@ -115,6 +122,8 @@ class RecedingHorizon(Controller):
         self._detour = Detour(problem.target, sample_time) if detour and isinstance(problem, AimedProblem) else None
         self._algorithm = algorithm
         self._me = me
+        self._infeasible: FallBack = infeasible
+        me.tolerant = True
         self._predict_delay = self.acts_after = predict_delay
         self._local = bool(getattr(problem, "local", False))
         self._fleet_states = (
@@ -159,8 +168,9 @@ class RecedingHorizon(Controller):
         self, problem: RecedingHorizonProblem | SignedProblem, states: Mapping[int, Array]
     ) -> Dialogue[Decision]:
         posed = cast(RecedingHorizonProblem, problem).at(states)
+        last, self._me.violated = self._me.last, False
         result = yield from solve(self._algorithm, posed, self._me)
-        return self._plan(posed, result.decision, {})
+        return self._plan(posed, result.decision, last, {})
 
     def _piggyback(
         self, problem: RecedingHorizonProblem | SignedProblem, fleet_states: FleetStates, own: Array, step: int
@@ -172,16 +182,20 @@ class RecedingHorizon(Controller):
             posed = problem.at(view.states, signs=view.signs, lost=view.lost)
         else:
             posed = problem.at(view.states)
+        last, self._me.violated = self._me.last, False
         result = yield from fleet_states.piggyback.wrap(solve(self._algorithm, posed, self._me))
         notes = {
             "predicted": view.predicted,
             "lost_agents": len(view.lost),
             "sign_disagreements": fleet_states.disagreements(view, step),
         }
-        return self._plan(posed, result.decision, notes)
+        return self._plan(posed, result.decision, last, notes)
 
-    def _plan(self, posed: StepProblem, decision: Array, notes: Mapping[str, float]) -> Decision:
-        """Keep the plan and return its first stage."""
+    def _plan(self, posed: StepProblem, decision: Array, last: Array | None, notes: Mapping[str, float]) -> Decision:
+        """Keep the plan, or what replaces it in a step without a solution, and return its first stage."""
+        if self._me.violated:
+            decision = self._me.last = read_only(fall_back(self._infeasible, posed, decision, last))
+            notes = {**notes, "infeasible": 1}
         self._posed, self._decision, self._stage = posed, decision, 0
         self._flown = posed.setpoint(decision, 0)
         return Decision(self._flown, decision, notes)

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from dcf_zenoh.errors import AlgorithmError
 from dcf_zenoh.plant import Array, read_only
@@ -12,6 +13,7 @@ from dcf_zenoh.problems.share import Share
 
 SYMMETRIC = 1e-12  # relative asymmetry; a larger one makes no quadratic cost
 CONVEX = 1e-9  # relative curvature below zero; more makes no convex cost
+VIOLATION_PRICE = 1e4  # relative to the largest number of the costs
 REASONS = {
     "infeasible": "the problem is infeasible: its constraints contradict each other",
     "unbounded": "the problem is unbounded: its cost has no least value",
@@ -25,11 +27,13 @@ class Together(NamedTuple):
         decisions: Agent -> decision, read-only.
         residual: Largest relative residual of the optimality conditions.
         accurate: Whether the solver reached its tolerance, `interior_point.ACCURATE`.
+        violated: Whether there is no solution, and the decisions violate shared constraints as little as possible.
     """
 
     decisions: dict[int, Array]
     residual: float
     accurate: bool
+    violated: bool
 
 
 def solve_together(shares: Mapping[int, Share]) -> dict[int, Array]:
@@ -47,12 +51,18 @@ def solve_together(shares: Mapping[int, Share]) -> dict[int, Array]:
     return solve_with_residual(shares).decisions
 
 
-def solve_with_residual(shares: Mapping[int, Share]) -> Together:
-    """Return the decisions of all agents and how exact they are; see `solve_together`."""
+def solve_with_residual(shares: Mapping[int, Share], *, tolerant: bool = False) -> Together:
+    """Return the decisions of all agents and how exact they are; see `solve_together`.
+
+    Where the problem is infeasible and `tolerant` is set, the inequalities are softened at a price far above its costs.
+    """
     if any(share.t.size for share in shares.values()):
         raise AlgorithmError("there is no solution in one place: the shared constraints are not linear")
     whole = assemble([share for _, share in sorted(shares.items())])
     found = solution(whole)
+    if violated := tolerant and found.status == "infeasible":
+        largest = max(float(abs(whole.M).max(initial=0.0)), float(abs(whole.r).max(initial=0.0)))
+        found = solution(softened(whole, VIOLATION_PRICE * largest))
     if found.status in REASONS:
         raise AlgorithmError(f"there is no solution: {REASONS[found.status]}")
     if found.status == "out of iterations":
@@ -60,7 +70,7 @@ def solve_with_residual(shares: Mapping[int, Share]) -> Together:
             f"no solution was found: the solver is out of iterations at a relative residual of {found.residual:.1g}"
         )
     decisions = {agent: read_only(found.x[places]) for agent, places in zip(sorted(shares), whole.places, strict=True)}
-    return Together(decisions, found.residual, found.status == "solved")
+    return Together(decisions, found.residual, found.status == "solved", violated)
 
 
 class VariationalInequality(NamedTuple):
@@ -162,3 +172,17 @@ def solution(whole: VariationalInequality) -> Optimum:
     ):  # fmt: skip
         y[rows] += sign * prices
     return found._replace(y=y)
+
+
+def softened(program: VariationalInequality, price: float) -> VariationalInequality:
+    """Return the program with a slack s >= 0, at cost `price`, in each inequality of several components."""
+    n, soft = len(program.r), np.flatnonzero((np.count_nonzero(program.G, axis=1) > 1) & np.isinf(program.low))
+    slack = np.zeros((len(program.G), len(soft)))
+    slack[soft, np.arange(len(soft))] = -1.0
+    return program._replace(
+        M=block_diag(program.M, np.zeros((len(soft), len(soft)))),
+        r=np.concatenate((program.r, np.full(len(soft), price))),
+        G=np.block([[program.G, slack], [np.zeros((len(soft), n)), np.eye(len(soft))]]),
+        low=np.concatenate((program.low, np.zeros(len(soft)))),
+        high=np.concatenate((program.high, np.full(len(soft), np.inf))),
+    )

@@ -149,6 +149,10 @@ class DistanceGame(NonlinearGame):
         """Return the nearest input within the bound."""
         return self._game.project(u)
 
+    def brake(self) -> Array:
+        """Return the accelerations that stop the body; see `SwapGame`."""
+        return self._game.brake()
+
     def setpoint(self, decision: Array, stage: int) -> Setpoint | None:
         """Return the setpoint of `stage`; see `SwapGame`."""
         return self._game.setpoint(decision, stage)

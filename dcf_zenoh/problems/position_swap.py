@@ -297,6 +297,14 @@ class SwapGame(CoupledGame):
         bound = self._problem.accel_max
         return np.minimum(np.maximum(u, -bound), bound)
 
+    def brake(self) -> Array:
+        """Return the accelerations that stop the body as fast as its limit allows."""
+        problem, velocity, plan = self._problem, self._state[2:], []
+        for _ in range(problem.horizon):
+            plan.append((-velocity / problem.sample_time).clip(-problem.accel_max, problem.accel_max))
+            velocity = velocity + problem.sample_time * plan[-1]
+        return np.concatenate(plan)
+
     def share(self) -> Share:
         """Return the problem as arrays."""
         problem, bound = self._problem, np.full(len(self._slope), self._problem.accel_max)

@@ -5,11 +5,10 @@ from typing import NamedTuple
 import numpy as np
 import osqp
 from scipy import sparse
-from scipy.linalg import block_diag
 
 from dcf_zenoh.errors import AlgorithmError
 from dcf_zenoh.plant import Array, read_only
-from dcf_zenoh.problems.central import REASONS, VariationalInequality, solution
+from dcf_zenoh.problems.central import REASONS, VariationalInequality, softened, solution
 
 TOLERANCE = 1e-9  # of the solver, absolute and relative
 USUAL = (2.0**-10, 2.0**30)  # sizes of costs and decisions for which an absolute tolerance is right
@@ -88,7 +87,7 @@ class LocalQP:
             self._solver.warm_start(x=exact.x / self._length, y=exact.y * slope)
             return Solution(read_only(exact.x[:n]), read_only(exact.y[: self._rows]))
         if exact.status == "infeasible" and self._slack_price is not None and not self.softened:
-            self.softened, self._program = True, _softened(self._program, self._slack_price)
+            self.softened, self._program = True, softened(self._program, self._slack_price)
             self._solver = self._set_up()
             return self.solve(pull)
         if exact.status in REASONS:
@@ -121,17 +120,3 @@ def _units(program: VariationalInequality) -> tuple[float, float]:
 
 def _power(size: float) -> float:
     return 1.0 if size == 0 or USUAL[0] <= size <= USUAL[1] else float(2.0 ** np.round(np.log2(size)))
-
-
-def _softened(program: VariationalInequality, price: float) -> VariationalInequality:
-    """Return the program with a slack s >= 0, at cost `price`, in each inequality of several components."""
-    n, soft = len(program.r), np.flatnonzero((np.count_nonzero(program.G, axis=1) > 1) & np.isinf(program.low))
-    slack = np.zeros((len(program.G), len(soft)))
-    slack[soft, np.arange(len(soft))] = -1.0
-    return program._replace(
-        M=block_diag(program.M, np.zeros((len(soft), len(soft)))),
-        r=np.concatenate((program.r, np.full(len(soft), price))),
-        G=np.block([[program.G, slack], [np.zeros((len(soft), n)), np.eye(len(soft))]]),
-        low=np.concatenate((program.low, np.zeros(len(soft)))),
-        high=np.concatenate((program.high, np.full(len(soft), np.inf))),
-    )
