@@ -116,12 +116,15 @@ def check(options: Namespace) -> int:
     """Check FLEET and print it with all defaults filled in: what a run would use.
 
     All problems are reported at once. The code of plug-ins that are not part of dcf-zenoh is not run, unless --load
-    is given: their files are read, not executed. A built-in problem that is solved once is solved in one place, and a
+    is given: their files are read, not executed. With --load the parts of all agents are built, so that what their
+    constructors refuse is told. A built-in problem that is solved once is solved in one place, and a
     note says if it has no solution, or if exchange.threshold is too large for its size.
     """
-    from dcf_zenoh.analysis.one_off import note_on_problem  # noqa: PLC0415 - imports scipy
+    from dcf_zenoh.analysis.one_off import note_on_problem, try_out  # noqa: PLC0415 - imports scipy
 
     fleet = load_fleet(options, run_plugins=options.load)
+    if options.load:
+        try_out(fleet)
     if note := note_on_problem(fleet):
         print_note(note)
     print(to_toml(fleet.spec), end="")

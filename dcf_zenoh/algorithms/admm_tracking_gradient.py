@@ -11,7 +11,7 @@ from dcf_zenoh.spec import PositiveFloat
 _TRACKER = TrackerOptions(penalty=0.5)
 
 
-@needs(ConsensusProblem, traits=("smooth", "unconstrained"), links="undirected", alike=True)
+@needs(ConsensusProblem, traits=("smooth", "unconstrained"), links="undirected", alike=True, uses=("gradient",))
 def admm_tracking_gradient(
     problem: ConsensusProblem,
     me: Me,

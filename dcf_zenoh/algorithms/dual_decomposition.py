@@ -8,7 +8,7 @@ from dcf_zenoh.problems.problem import ConsensusProblem
 from dcf_zenoh.spec import PositiveFloat
 
 
-@needs(ConsensusProblem, traits=("strongly_convex",), links="undirected", alike=True)
+@needs(ConsensusProblem, traits=("strongly_convex",), links="undirected", alike=True, uses=("argmin",))
 def dual_decomposition(problem: ConsensusProblem, me: Me, *, step: PositiveFloat = 0.1) -> Dialogue[Result]:
     """Minimise the cost at a price of disagreement on each edge, and update the prices.
 

@@ -8,7 +8,7 @@ from dcf_zenoh.problems.problem import CoupledProblem
 from dcf_zenoh.spec import NonNegativeFloat, PositiveFloat
 
 
-@needs(CoupledProblem, traits=("strongly_convex",), doubly_stochastic=True, alike=True)
+@needs(CoupledProblem, traits=("strongly_convex",), doubly_stochastic=True, alike=True, uses=("respond",))
 def dual_subgradient(
     problem: CoupledProblem, me: Me, *, step: PositiveFloat = 1.0, decay: NonNegativeFloat = 0.7
 ) -> Dialogue[Result]:

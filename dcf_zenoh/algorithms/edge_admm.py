@@ -8,7 +8,7 @@ from dcf_zenoh.problems.problem import ConsensusProblem
 from dcf_zenoh.spec import PositiveFloat
 
 
-@needs(ConsensusProblem, links="undirected", agents=2, alike=True)
+@needs(ConsensusProblem, links="undirected", agents=2, alike=True, uses=("argmin",))
 def edge_admm(
     problem: ConsensusProblem, me: Me, *, penalty: PositiveFloat = 1.0, relax: Fraction = 0.9
 ) -> Dialogue[Result]:

@@ -6,7 +6,14 @@ from dcf_zenoh.problems.problem import ConsensusProblem
 from dcf_zenoh.spec import PositiveFloat
 
 
-@needs(ConsensusProblem, traits=("smooth", "unconstrained"), links="undirected", doubly_stochastic=True, alike=True)
+@needs(
+    ConsensusProblem,
+    traits=("smooth", "unconstrained"),
+    links="undirected",
+    doubly_stochastic=True,
+    alike=True,
+    uses=("gradient",),
+)
 def exact_diffusion(problem: ConsensusProblem, me: Me, *, step: PositiveFloat = 0.2) -> Dialogue[Result]:
     """Adapt, correct, combine: ``psi = x - a grad f(x), phi = psi + x - psi_before, x+ = (phi + W phi) / 2``.
 

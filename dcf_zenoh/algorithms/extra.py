@@ -8,7 +8,14 @@ from dcf_zenoh.problems.problem import ConsensusProblem
 from dcf_zenoh.spec import PositiveFloat
 
 
-@needs(ConsensusProblem, traits=("smooth", "unconstrained"), links="undirected", doubly_stochastic=True, alike=True)
+@needs(
+    ConsensusProblem,
+    traits=("smooth", "unconstrained"),
+    links="undirected",
+    doubly_stochastic=True,
+    alike=True,
+    uses=("gradient",),
+)
 def extra(problem: ConsensusProblem, me: Me, *, step: PositiveFloat = 0.2) -> Dialogue[Result]:
     """Descend along the gradient with a correction by the previous round, which removes the bias of constant steps.
 

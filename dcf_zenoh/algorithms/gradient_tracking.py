@@ -6,7 +6,7 @@ from dcf_zenoh.problems.problem import ConsensusProblem
 from dcf_zenoh.spec import PositiveFloat
 
 
-@needs(ConsensusProblem, traits=("smooth", "unconstrained"), doubly_stochastic=True, alike=True)
+@needs(ConsensusProblem, traits=("smooth", "unconstrained"), doubly_stochastic=True, alike=True, uses=("gradient",))
 def gradient_tracking(problem: ConsensusProblem, me: Me, *, step: PositiveFloat = 0.1) -> Dialogue[Result]:
     """Descend along an estimate y of the mean gradient: ``x+ = W (x - a y), y+ = W y + grad f(x+) - grad f(x)``.
 

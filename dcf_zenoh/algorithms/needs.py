@@ -46,6 +46,7 @@ class Needs:
         doubly_stochastic: Whether the mixing weights must keep the mean.
         agents: Least number of agents.
         alike: Whether payloads have the same names and shapes at all agents. Others are taken for missing.
+        uses: Methods of the problem that it calls, where the structure leaves them open.
     """
 
     algorithm: str
@@ -55,6 +56,7 @@ class Needs:
     doubly_stochastic: bool
     agents: int
     alike: bool
+    uses: tuple[str, ...] = ()
 
     def of_problem(self, problem: object, name: str) -> str | None:
         """Return why a problem, or every problem of a class, is refused; None if it is not, or if that is unknown.
@@ -71,9 +73,12 @@ class Needs:
             if issubclass(kind, Problem):
                 found = dict.fromkeys(base.STRUCTURE for base in kind.__bases__ if issubclass(base, Problem))
                 return f"{self.algorithm} solves {wanted}, and {name} is {' and '.join(found)}"
-            missing = min((_missing_names(each, problem) for each in self.structures), key=len)
+            missing = min((_missing_names(each, problem, self.uses) for each in self.structures), key=len)
             if missing:
                 return f"{self.algorithm} solves {wanted}, and {name} has no {', '.join(missing)}"
+        for method in self.uses:
+            if any(getattr(kind, method, None) is getattr(each, method, kind) for each in self.structures):
+                return f"{self.algorithm} calls {method}(), which {name} has not"
         for trait in self.traits:
             if getattr(problem, trait, True) is False:
                 return f"{self.algorithm} needs {TRAITS[trait]}, which {name} has not"
@@ -113,6 +118,7 @@ def needs(
     doubly_stochastic: bool = False,
     agents: int = 1,
     alike: bool = False,
+    uses: tuple[str, ...] = (),
 ) -> Callable[[F], F]:
     """Declare the preconditions of an algorithm, and check them when it is called; see `Needs` for the arguments.
 
@@ -123,7 +129,7 @@ def needs(
     """
 
     def declare(algorithm: F) -> F:
-        needed = Needs(algorithm.__name__, structures, traits, links, doubly_stochastic, agents, alike)
+        needed = Needs(algorithm.__name__, structures, traits, links, doubly_stochastic, agents, alike, uses)
         hints = typing.get_type_hints(algorithm, include_extras=True)
 
         @functools.wraps(algorithm)
@@ -153,9 +159,9 @@ def needs_of(algorithm: object) -> Needs | None:
     return found if isinstance(found, Needs) else None
 
 
-def _missing_names(structure: type[Problem], problem: object) -> list[str]:
+def _missing_names(structure: type[Problem], problem: object, uses: tuple[str, ...]) -> list[str]:
     """Return the names of a structure that a problem does not have; of a class, methods only."""
-    names = set(getattr(structure, "__abstractmethods__", ()))
+    names = {*getattr(structure, "__abstractmethods__", ()), *uses}
     if not isinstance(problem, type):
         names |= {
             name

@@ -8,7 +8,7 @@ from dcf_zenoh.problems.problem import ConsensusProblem
 from dcf_zenoh.spec import PositiveFloat
 
 
-@needs(ConsensusProblem, traits=("smooth", "unconstrained"), alike=True)
+@needs(ConsensusProblem, traits=("smooth", "unconstrained"), alike=True, uses=("gradient",))
 def push_pull(problem: ConsensusProblem, me: Me, *, step: PositiveFloat = 0.1) -> Dialogue[Result]:
     """Pull decisions and push gradients: ``x+ = R (x - a y), y+ = C y + grad f(x+) - grad f(x)``.
 

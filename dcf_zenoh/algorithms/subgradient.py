@@ -6,7 +6,7 @@ from dcf_zenoh.problems.problem import ConsensusProblem
 from dcf_zenoh.spec import NonNegativeFloat, PositiveFloat
 
 
-@needs(ConsensusProblem, doubly_stochastic=True, alike=True)
+@needs(ConsensusProblem, doubly_stochastic=True, alike=True, uses=("gradient",))
 def subgradient(
     problem: ConsensusProblem, me: Me, *, step: PositiveFloat = 0.5, decay: NonNegativeFloat = 1.0
 ) -> Dialogue[Result]:

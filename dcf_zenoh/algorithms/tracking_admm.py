@@ -8,7 +8,7 @@ from dcf_zenoh.problems.problem import CoupledProblem
 from dcf_zenoh.spec import PositiveFloat
 
 
-@needs(CoupledProblem, traits=("equality",), links="undirected", doubly_stochastic=True, alike=True)
+@needs(CoupledProblem, traits=("equality",), links="undirected", doubly_stochastic=True, alike=True, uses=("respond",))
 def tracking_admm(problem: CoupledProblem, me: Me, *, penalty: PositiveFloat = 1.0) -> Dialogue[Result]:
     """Run parallel ADMM with its central quantities tracked: the mean excess d of the constraints and their price lam.
 

@@ -1,13 +1,17 @@
 """Examination of a problem that is solved once, in one place before a run."""
 
+from io import BytesIO
+
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from dcf_zenoh.algorithms.needs import needs_of
 from dcf_zenoh.analysis.oracle import share_of
+from dcf_zenoh.assembly import Blueprint
 from dcf_zenoh.config import LoadedFleet
 from dcf_zenoh.configuration.building.problem_and_plant import problem_of
 from dcf_zenoh.errors import AlgorithmError
-from dcf_zenoh.plugins import is_built_in
+from dcf_zenoh.plugins import is_built_in, load
 from dcf_zenoh.problems.central import solve_together
 from dcf_zenoh.problems.share import Shareable
 
@@ -38,3 +42,18 @@ def note_on_problem(fleet: LoadedFleet) -> str | None:
             f"the agents agree before their decisions are right; try {1e-3 * largest:.0e}"
         )
     return None
+
+
+def try_out(fleet: LoadedFleet) -> None:
+    """Build the parts of all agents as a run does, plug-ins included; nothing is started.
+
+    Raises:
+        DcfError: A constructor refuses its options, or the algorithm does not solve the problem.
+    """
+    blueprint, needed = Blueprint.of(fleet), needs_of(load("algorithms", fleet.spec.algorithm.kind, fleet.folder))
+    for agent in fleet.spec.ids:
+        blueprint.build(agent, BytesIO(), {})
+        if needed is not None and fleet.spec.controller_kind.kind == "solve_once":
+            problem = problem_of(fleet.spec, fleet.folder, agent)
+            if reason := needed.of_problem(problem, type(problem).__name__):
+                raise AlgorithmError(f"agent {agent}: {reason}")

@@ -359,6 +359,8 @@ class Arrival:
 
 
 def _finite(state: State, place: str) -> State:
+    if not isinstance(state, State):
+        raise PlantError(f"{place}: sense returned a {type(state).__name__}; expected State(position, velocity)")
     if not np.isfinite(state.vector).all():
         raise NumericalError(f"{place}: the plant's state is not finite: {_show(state.vector)}")
     return state

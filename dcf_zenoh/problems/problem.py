@@ -35,8 +35,10 @@ class MeanProblem(Problem):
     value: Array
 
 
-class ConsensusProblem(Problem, ABC):
+class ConsensusProblem(Problem):
     """Minimise sum_i f_i(x) over one x for all agents, in the intersection of their sets X_i; f_i and X_i are convex.
+
+    An algorithm calls `gradient` or `argmin`, not both, and states which; the other one, and `cost`, may be left out.
 
     Attributes:
         size: n, the same at every agent.
@@ -55,15 +57,14 @@ class ConsensusProblem(Problem, ABC):
         """Return the start of the iteration: the last decision, or else 0."""
         return np.zeros(self.size) if last is None else last
 
-    @abstractmethod
     def cost(self, x: Array) -> float:
         """Return f(x)."""
+        raise NotImplementedError
 
-    @abstractmethod
     def gradient(self, x: Array) -> Array:
         """Return the gradient of f, or a subgradient."""
+        raise NotImplementedError
 
-    @abstractmethod
     def argmin(self, slope: Array, weight: float) -> Array:
         """Return the x in X with the least f(x) + slope'x + weight / 2 |x|².
 
@@ -71,14 +72,17 @@ class ConsensusProblem(Problem, ABC):
             slope: Shape (n,).
             weight: Not negative; positive if f is not strongly convex.
         """
+        raise NotImplementedError
 
     def project(self, x: Array) -> Array:
         """Return the nearest point of X."""
         return x
 
 
-class CoupledProblem(Problem, ABC):
+class CoupledProblem(Problem):
     """Minimise sum_i f_i(x_i) over a decision of each agent in its set X_i, under sum_i (A_i x_i - b_i) = 0, or <= 0.
+
+    `cost` may be left out: no algorithm calls it.
 
     Attributes:
         A: Shape (rows, n).
@@ -95,11 +99,10 @@ class CoupledProblem(Problem, ABC):
     equality: bool = True
     strongly_convex: bool = True
 
-    @abstractmethod
     def cost(self, x: Array) -> float:
         """Return f(x)."""
+        raise NotImplementedError
 
-    @abstractmethod
     def respond(self, price: Array, weight: float, target: Array) -> Array:
         """Return the x in X with the least f(x) + price'A x + weight / 2 |A x - target|².
 
@@ -108,6 +111,7 @@ class CoupledProblem(Problem, ABC):
             weight: Not negative; positive if f is not strongly convex.
             target: Shape (rows,).
         """
+        raise NotImplementedError
 
     def coupling(self, x: Array) -> Array:
         """Return A x - b."""

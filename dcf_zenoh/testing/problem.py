@@ -85,6 +85,9 @@ def _check_projection(project: Callable[[Array], Array], x: Array, y: Array) -> 
     _at_most(float(np.linalg.norm(near - x)), float(np.linalg.norm(other - x)), "distance of x to its projection")
 
 
+OPTIONAL = ("cost", "gradient", "argmin")  # methods that a consensus problem may leave out
+
+
 def _check_mean(problem: MeanProblem, again: MeanProblem, _drawn: Draw) -> None:
     _repeated(problem.value, again.value, (problem.value.size,), "value")
 
@@ -94,6 +97,23 @@ def _check_consensus(problem: ConsensusProblem, again: ConsensusProblem, drawn: 
     x, y, slope = drawn(n), drawn(n), drawn(n)
     _repeated(problem.start(None), again.start(None), (n,), "start(None)")
     _same(problem.start(x), x, "start(last)")
+    has = {name: getattr(type(problem), name) is not getattr(ConsensusProblem, name) for name in OPTIONAL}
+    _check_projection(problem.project, x, y)
+    if problem.unconstrained:
+        _same(problem.project(x), x, "project(x), unconstrained")
+    if has["cost"] and has["gradient"]:
+        _check_gradient(problem, again, x, y)
+    if has["cost"] and has["argmin"]:
+        _check_argmin(problem, again, x, y, slope)
+    if isinstance(problem, Shareable):
+        share = problem.share()
+        assert bool(share.common), "share().common is false, although all agents decide the same"
+        if problem.smooth and has["gradient"]:
+            _same(share.H @ x + share.g, problem.gradient(x), "share(): H x + g")
+
+
+def _check_gradient(problem: ConsensusProblem, again: ConsensusProblem, x: Array, y: Array) -> None:
+    n = problem.size
     g = _repeated(problem.gradient(x), again.gradient(x), (n,), "gradient(x)")
     _at_most(problem.cost(x) + float(g @ (y - x)), problem.cost(y), "cost(x) + gradient(x)'(y - x), beside cost(y)")
     if problem.smooth:
@@ -102,9 +122,10 @@ def _check_consensus(problem: ConsensusProblem, again: ConsensusProblem, drawn: 
         steepness = np.array([(ahead - behind) / (2 * step) for ahead, behind in ends])
         gap = float(abs(steepness - g).max())
         assert gap < 1e-4 * (1 + float(abs(g).max())), f"gradient(x): {g}, but cost rises by {steepness}"
-    _check_projection(problem.project, x, y)
-    if problem.unconstrained:
-        _same(problem.project(x), x, "project(x), unconstrained")
+
+
+def _check_argmin(problem: ConsensusProblem, again: ConsensusProblem, x: Array, y: Array, slope: Array) -> None:
+    n = problem.size
     for weight in (0.0, 0.5, 3.0):
         if weight or problem.strongly_convex:
             z = _repeated(problem.argmin(slope, weight), again.argmin(slope, weight), (n,), "argmin(slope, weight)")
@@ -115,11 +136,6 @@ def _check_consensus(problem: ConsensusProblem, again: ConsensusProblem, drawn: 
 
             for other in (problem.project(x), problem.project(y), problem.project(z + (y - x) / 100)):
                 _at_most(total(z), total(other), f"least cost with weight {weight:g}, beside another point's")
-    if isinstance(problem, Shareable):
-        share = problem.share()
-        assert bool(share.common), "share().common is false, although all agents decide the same"
-        if problem.smooth:
-            _same(share.H @ x + share.g, g, "share(): H x + g")
 
 
 def _check_coupled(problem: CoupledProblem, again: CoupledProblem, drawn: Draw) -> None:
@@ -143,7 +159,7 @@ def _check_coupled(problem: CoupledProblem, again: CoupledProblem, drawn: Draw) 
                 used = problem.A @ x
                 return problem.cost(x) + float(price @ used) + weight / 2 * float((used - target) @ (used - target))
 
-            for other in others:
+            for other in others if type(problem).cost is not CoupledProblem.cost else ():
                 _at_most(total(z), total(other), f"least cost with weight {weight:g}, beside another point's")
                 _at_most(total(z), total(z + (other - z) / 100), f"least cost with weight {weight:g}, beside one near")
     if isinstance(problem, Shareable):

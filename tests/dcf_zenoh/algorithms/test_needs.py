@@ -42,7 +42,7 @@ AT_MOST = {i: ResourceAllocation(AGENTS, demand=3.0, exactly=False) for i in AGE
         (dual_decomposition, median(), "needs a strongly convex cost, which AbsoluteValue has not"),
         (extra, quadratic(upper=1.0), "extra needs a decision without bounds, which Quadratic has not"),
         (tracking_admm, AT_MOST, "needs shared constraints that are equations, which ResourceAllocation has not"),
-        (extra, {i: object() for i in AGENTS}, "and object has no argmin, cost, gradient, size"),
+        (extra, {i: object() for i in AGENTS}, "and object has no gradient, size"),
     ],
 )  # fmt: skip
 def test_a_problem_of_another_structure_is_refused(algorithm: Algorithm, problems: Problems, text: str) -> None:

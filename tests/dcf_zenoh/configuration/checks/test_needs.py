@@ -152,7 +152,7 @@ def test_third_party_problems_are_recognised_by_their_methods(squares: Path) -> 
     (squares.parent / "mine.py").write_text(MINE)
     (text,) = problems(squares, f"problem.kind={squares.parent}/mine.py:Odd", *CENTRES)
     assert text.startswith("algorithm.kind: extra solves a consensus problem, and ")
-    assert text.endswith("mine.py:Odd has no argmin, cost, gradient")
+    assert text.endswith("mine.py:Odd has no gradient")
 
 
 def test_third_party_code_does_not_run_where_it_must_not(squares: Path) -> None:
