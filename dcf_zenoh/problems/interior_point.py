@@ -18,11 +18,11 @@ from dcf_zenoh.plant import Array
 
 Status = Literal["solved", "inaccurate", "infeasible", "unbounded", "out of iterations"]
 ACCURATE = 1e-9  # largest relative residual of a solution
-TOLERABLE = 1e-6  # largest relative residual of a solution that is called inaccurate
+TOLERABLE = 1e-8  # largest relative residual of a solution that is called inaccurate
 CERTAIN = 1e-9  # largest relative residual of a proof that there is no solution
 ITERATIONS = 150
 SWEPT = 1e-12  # relative to the largest; what is left of a sum that should be zero
-SWEEPS = 15  # of the equilibration
+SWEEPS = 40  # of the equilibration
 REGULAR = 1e-13  # added to the diagonal of the equilibrated linear systems; refinement takes its effect away
 
 
