@@ -11,7 +11,7 @@ import pytest
 from agentd.cli import main  # agentd first: one thread for the linear algebra, as in every run
 from tests.support.command_line import Answer
 from tests.support.daemons import TRIO
-from tests.support.durations import LONG, key, recorded
+from tests.support.durations import LONG, UNTRACED, key, recorded
 
 signal.signal(signal.SIGINT, signal.default_int_handler)  # in the background it may be ignored, in all children too
 for number in (signal.SIGHUP, signal.SIGQUIT):  # ignored under nohup and in the background
@@ -25,7 +25,7 @@ def pytest_collection_finish() -> None:
 
 @pytest.hookimpl(tryfirst=True)  # before tests are chosen by their markers
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark long tests, put files with the longest tests first, and give tests in real time a second try.
+    """Mark long tests and those not to be traced, put the longest files first, give tests in real time a second try.
 
     The order keeps two processes busy until the end. A second try is for a machine that was held up for a second; tests
     that only compute pass at once.
@@ -38,6 +38,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         longest[file] = max(longest[file], took)
         if took > LONG:
             item.add_marker(pytest.mark.long)
+        elif took > UNTRACED:
+            item.add_marker(pytest.mark.no_cover)
         if item.get_closest_marker("real_time"):
             item.add_marker(pytest.mark.flaky(reruns=1))
     items.sort(key=lambda item: -longest[item.nodeid.partition("::")[0]])

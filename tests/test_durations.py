@@ -7,7 +7,7 @@ from tests.support.durations import Case, key, longest, read, recorded, table
 JUNIT = """<testsuites><testsuite>
 <testcase classname="tests.plants.test_wind" name="test_gusts[a::b]" time="1.26"/>
 <testcase classname="tests.plants.test_wind" name="test_gusts[c]" time="3.0"/>
-<testcase classname="tests.test_names" name="test_words" time="0.1"/>
+<testcase classname="tests.test_names" name="test_words" time="0.05"/>
 </testsuite></testsuites>
 """
 
