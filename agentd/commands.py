@@ -172,7 +172,10 @@ def report(options: Namespace) -> int:
 
 
 def export(options: Namespace) -> int:
-    """Write the log of RUN for other tools: csv (one row per agent and step), npz (NumPy) or mat (MATLAB)."""
+    """Write the log of RUN for other tools: csv (one row per agent and step), npz (NumPy) or mat (MATLAB).
+
+    Of a run with log.rounds = true the rounds are exported too: of csv in a second file, OUT_rounds.csv.
+    """
     from agentd.results.export import export as export_run  # noqa: PLC0415
 
     print(export_run(Run.read(options.run), options.to, options.out))

@@ -11,6 +11,7 @@ from agentd.results.export import export
 from dcf_zenoh import Run
 from dcf_zenoh.errors import ConfigurationError, RecordingError
 from dcf_zenoh.records.agent_log import AgentLog
+from dcf_zenoh.rounds.dialogue import RoundRecord
 
 
 @pytest.fixture(scope="module")
@@ -119,3 +120,24 @@ def test_without_a_file_it_is_named_after_the_run(run: Run, tmp_path: Path, monk
     monkeypatch.chdir(tmp_path)
     assert export(run, "csv") == Path("position_swap.csv")
     assert Path("position_swap.csv").is_file()
+
+
+def test_rounds_are_in_every_export(tmp_path: Path) -> None:
+    run = dcf_zenoh.simulate("position_swap", changes=["log.rounds=true", "time.duration=0.4"])
+    log = run.agents[2]
+    residuals = [RoundRecord(*record).residual for rounds in log.rounds_log for record in rounds]
+    assert len(residuals) == log.rounds.sum() > 20
+    export(run, "npz", tmp_path / "run.npz")
+    with np.load(tmp_path / "run.npz", allow_pickle=False) as found:
+        np.testing.assert_array_equal(found["agent_2_round_residual"], residuals)
+        np.testing.assert_array_equal(found["agent_2_round_step"], np.repeat([0, 1], log.rounds))
+        np.testing.assert_array_equal(found["agent_2_round_number"][: log.rounds[0]], np.arange(log.rounds[0]))
+        last = np.ravel(RoundRecord(*log.rounds_log[1][-1]).payload["lam"])
+        np.testing.assert_array_equal(found["agent_2_round_payload_lam"][-1], last)
+    assert export(run, "csv", tmp_path / "run.csv") == tmp_path / "run.csv"
+    rows = [row for row in rows_of(tmp_path / "run_rounds.csv") if row["agent"] == "2"]
+    assert [float(row["residual"]) for row in rows] == pytest.approx(residuals)
+    assert (rows[-1]["step"], float(rows[-1]["lam_0"])) == ("1", last[0])
+    export(run, "mat", tmp_path / "run.mat")
+    struct = loadmat(tmp_path / "run.mat")["agent_2"][0, 0]
+    np.testing.assert_array_equal(struct["round_residual"][:, 0], residuals)

@@ -260,6 +260,18 @@ def test_a_fleet_without_plants_shows_times_and_decisions_alone(average: Run, tm
     assert "largest difference" in axes.get_title()
 
 
+@pytest.mark.parametrize(("agents", "length", "lines"), [(3, 60_000, 3), (40, 20, 1)])
+def test_long_decisions_of_many_agents_take_few_lines(average: Run, agents: int, length: int, lines: int) -> None:
+    log = average.agents[1]
+    chance = np.random.default_rng(1)
+    logs = {i: replace(log, agent=i, decision=chance.normal(size=(1, length))) for i in range(agents)}
+    (axes,) = draw("decisions", replace(average, agents=logs)).axes
+    assert len(axes.lines) == lines
+    assert max(len(np.asarray(line.get_xdata())) for line in axes.lines) <= 2000
+    values = np.array([each.decision[-1] for each in logs.values()])
+    assert f"largest difference {np.ptp(values, axis=0).max():.2g}" in axes.get_title()
+
+
 def test_a_log_that_breaks_off_is_drawn_as_far_as_it_goes_and_named(tmp_path: Path) -> None:
     dcf_zenoh.simulate("position_swap", changes=["time.duration=2.0"], out=tmp_path / "run")
     path = tmp_path / "run" / log_name(3)
