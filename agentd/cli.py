@@ -1,6 +1,8 @@
 """The command line: parses the arguments, runs the command, turns errors into messages and exit codes."""
 
 import argparse
+import codecs
+import io
 import logging
 import sys
 import traceback
@@ -28,9 +30,15 @@ FLEET is a fleet file (TOML) or the name of a built-in fleet; RUN is the directo
   agentd check my_fleet.toml --set exchange.max_rounds=40
   agentd COMMAND --help                       what a command does, and all its options"""
 
+_SIGNS = {
+    "≥": ">=", "≤": "<=", "→": "->", "←": "<-", "²": "^2", "³": "^3", "µ": "u", "μ": "u", "×": "x", "·": "*",
+    "°": "deg", "–": "-", "—": "-", "−": "-", "…": "...", "±": "+-", "∞": "inf", "─": "-", "━": "-", "│": "|", "┃": "|",
+}  # fmt: skip
+
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; return its exit code."""
+    _never_fail_to_print()
     options = _parser().parse_args(arguments)
     logging.basicConfig(level=logging.WARNING, format="%(message)s", stream=sys.stderr)
     options.output = sys.stdout
@@ -48,6 +56,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except BrokenPipeError:  # the reader of our output has closed it, as head does
         sys.stderr.close()
         return exit_codes.FAILED
+
+
+def _never_fail_to_print() -> None:
+    """Replace what standard output and error cannot encode: by ASCII where there is a usual form, else by ``?``."""
+    codecs.register_error("ascii_signs", _in_ascii)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="ascii_signs")
+
+
+def _in_ascii(error: UnicodeError) -> tuple[str, int]:
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    return "".join(_SIGNS.get(each, "?") for each in error.object[error.start : error.end]), error.end
 
 
 def _print_error(error: DcfError) -> None:

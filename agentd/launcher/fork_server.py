@@ -52,9 +52,17 @@ def _serve(channel: socket.socket) -> list[str] | None:
             for descriptor in descriptors:
                 os.close(descriptor)
             if pid == 0:
+                _open_streams()
                 arguments: list[str] = json.loads(request)
                 return arguments
             channel.sendall(b"%d\n" % pid)
+
+
+def _open_streams() -> None:
+    """Open standard input, output and error anew: the present streams know properties of the server's descriptors."""
+    sys.stdin = open(0, encoding="utf-8", closefd=False)  # noqa: SIM115
+    sys.stdout = open(1, "w", encoding="utf-8", closefd=False)  # noqa: SIM115
+    sys.stderr = open(2, "w", 1, "utf-8", "backslashreplace", closefd=False)  # noqa: SIM115
 
 
 def _fork_orphan() -> int:

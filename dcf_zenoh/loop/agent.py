@@ -116,7 +116,7 @@ class Agent:
         """
         try:
             step, last = yield from self._control()
-            now = yield Wait(step * self._sample_time)
+            now = yield Wait(step * self._sample_time if self._keeps_time else 0)
             state = self._last_state(now)
         except Exception as error:
             if landing_error := (yield from self._end_after(error)):
@@ -128,6 +128,11 @@ class Agent:
         remark = str(self._landing_cause or self._hold_reason)
         self._recorder.end(reason, now, state, remark, self._exchange.counts, self._exchange.unmet)
         return Ending(last, self._landing_cause)
+
+    @property
+    def _keeps_time(self) -> bool:
+        """Whether the last step lasts a control period: not on the wall clock if nothing moves."""
+        return self._fleet.has_plants or self._fleet.time.clock == "virtual"
 
     def _last_state(self, now: int) -> State:
         """Return the state at the end; empty after an early landing, when the plant may be unable to sense."""

@@ -1,9 +1,11 @@
 """Good input on the command line: what each command prints and writes."""
 
 import json
+import os
 import re
 import subprocess
 import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -132,3 +134,31 @@ def test_a_daemon_imports_nothing_heavy_that_its_fleet_does_not_use() -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
     assert done.stdout == "\n"
+
+
+def test_no_command_fails_of_a_terminal_that_cannot_show_a_sign(tmp_path: Path) -> None:
+    environment = {**os.environ, "PYTHONIOENCODING": "cp1252", "COLUMNS": "200"}
+
+    def run(*words: str) -> str:
+        command = [sys.executable, "-m", "agentd", *words]
+        done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, check=False, timeout=60)
+        assert done.returncode == 0, done.stderr
+        return done.stdout.decode("cp1252")
+
+    run("simulate", "position_swap_lossy", "--set", "time.duration=1", "--no-report", "--out", "r")
+    for command in ("links", "why"):
+        assert "->" in run(command, "r")
+    run("check", "position_swap")
+    run("plugins")
+
+
+@pytest.mark.real_time
+def test_a_fleet_without_plants_ends_on_the_wall_clock_when_it_has_decided(tmp_path: Path) -> None:
+    began = time.monotonic()
+    command = ["launch", "quadratic", "--clock", "wall", "--set", "time.sample_time=20", "--no-report", "--json"]
+    done = subprocess.run(
+        [sys.executable, "-m", "agentd", *command, "--out", str(tmp_path / "r")], capture_output=True, check=False
+    )
+    assert done.returncode == 0
+    assert time.monotonic() - began < 15  # two control periods before
+    assert json.loads(done.stdout)["ended_by"] == {"agreed": 4}

@@ -101,7 +101,7 @@ def test_modules_in_use_are_copied_and_the_copies_are_used(lab: Path, tmp_path: 
     assert copies == {f"modules/my_lab/{each}.py" for each in ("__init__", "shared", "tracking")} | {
         "modules/helper_of_my_lab.py"
     }
-    (lab / "my_lab" / "shared.py").write_text("gain = 0.4\n")
+    (lab / "my_lab" / "shared.py").write_text("gain = 0.25\n")
     again = f"import dcf_zenoh; print(dcf_zenoh.simulate({out + '/fleet.toml'!r}).digest)"
     assert run(tmp_path, "-c", again) == first
     assert run(tmp_path, "-c", program.replace("/run'", "/run2'")) != first

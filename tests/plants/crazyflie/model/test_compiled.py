@@ -26,12 +26,21 @@ def test_all_that_is_compiled_is_in_the_package_whose_sources_name_the_folder() 
     assert {path.parent for path in users} == {Path(compiled.__file__).parent}
 
 
-def test_an_installation_that_cannot_be_written_leaves_the_place_to_numba(
+def test_an_installation_that_cannot_be_written_has_its_code_in_the_users_cache_or_nowhere(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "__pycache__").write_text("in the way")
     monkeypatch.setattr(compiled, "__file__", str(tmp_path / "compiled.py"))
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    assert Path(compiled._folder()).parent == tmp_path / "cache" / "dcf-zenoh"
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "__pycache__"))
     assert compiled._folder() == ""
+    monkeypatch.setattr(compiled, "FOLDER", "")
+
+    def double(a: float) -> float:
+        return 2 * a
+
+    assert compiled.compiled(double)(1.5) == 3.0
 
 
 def test_what_is_compiled_does_as_written() -> None:
