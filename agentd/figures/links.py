@@ -211,7 +211,7 @@ def _shade(axes: Axes, windows: Sequence[_Window], *, named: bool = True) -> Non
 
 
 def _windows(run: Run) -> Iterator[_Window]:
-    """Yield the intervals of temporary faults and of absences, and the instants at which operators changed faults."""
+    """Yield the intervals of temporary faults and of absences, and the instants of alarms and of operators' changes."""
     t = run.fleet.time.sample_time
     end = max((float(log.acted[-1]) for log in run.agents.values() if len(log.step)), default=0.0)
     for rule in run.fleet.faults.rules:
@@ -231,13 +231,15 @@ def _windows(run: Run) -> Iterator[_Window]:
                 yield _Window(step * t, (last + 1) * t, f"agent {agent} absent", GREY)
         if len(log.step) and (log.step[-1] + 1) * t < end - t:
             yield _Window((int(log.step[-1]) + 1) * t, end, f"agent {agent} absent", GREY)
-    changed = sorted(
-        {
-            round(event["time"] * 1e-9 / t) * t
-            for log in run.agents.values()
-            for event in log.events
-            if event["event"] not in ("crashed", "restarted", "joined")
-        }
-    )
-    for instant in changed:
-        yield _Window(instant, instant, "faults changed", ORANGE)
+    for instant, label in sorted(set(_instants(run))):
+        yield _Window(instant, instant, label, RED if label.startswith("alarm") else ORANGE)
+
+
+def _instants(run: Run) -> Iterator[tuple[float, str]]:
+    """Yield instants, s, to the nearest step, at which faults were changed or an alarm began, and what it was."""
+    t = run.fleet.time.sample_time
+    for log in run.agents.values():
+        for event in log.events:
+            label = {"fault": "faults changed", "alarm": f"alarm: {event.get('rule')}"}.get(event["event"])
+            if label:
+                yield round(event["time"] * 1e-9 / t) * t, label

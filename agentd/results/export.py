@@ -17,6 +17,7 @@ from dcf_zenoh.rounds.dialogue import RoundRecord
 
 _MESSAGES = ("messages_received", "messages_missing", "messages_late", "messages_lost")
 _AXES = "xyz"
+DECIMALS = 12  # of s, m and m/s in a csv
 
 
 def export(run: Run, fmt: str, out: Path | None = None) -> Path:
@@ -24,8 +25,8 @@ def export(run: Run, fmt: str, out: Path | None = None) -> Path:
 
     ========  ==========================================================================================
     ``csv``   One row per agent and step, columns named with their units where these are not SI; empty where an
-              agent does not have the quantity, ``nan`` for NaN. Rounds are in a second file, ``<out>_rounds.csv``, one
-              row per agent, step and round.
+              agent does not have the quantity, ``nan`` for NaN. Times, positions and velocities have 12 decimals.
+              Rounds are in a second file, ``<out>_rounds.csv``, one row per agent, step and round.
     ``npz``   Arrays ``agent_<id>_<quantity>`` and ``agents``, ``sample_time``; loads without pickle.
     ``mat``   For MATLAB: a struct ``agent_<id>`` per agent, and ``agents``, ``sample_time``, ``fleet``, ``run``.
     ========  ==========================================================================================
@@ -143,20 +144,25 @@ def _steps(log: AgentLog) -> Iterator[dict[str, object]]:
         yield {
             "agent": log.agent,
             "step": step,
-            "sensed_s": log.sensed[k].item(),
-            **dict(zip(state, log.state[k].tolist(), strict=True)),
-            "acted_s": log.acted[k].item(),
-            **dict(zip(setpoint, log.setpoint[k].tolist(), strict=True)),
+            "sensed_s": _rounded(log.sensed[k].item()),
+            **dict(zip(state, map(_rounded, log.state[k].tolist()), strict=True)),
+            "acted_s": _rounded(log.acted[k].item()),
+            **dict(zip(setpoint, map(_rounded, log.setpoint[k].tolist()), strict=True)),
             **dict(zip(decision, log.decision[k].tolist(), strict=True)),
             "rounds": log.rounds[k].item(),
             "residual": log.residual[k].item(),
             "stopped_by": log.stopped_by[k],
             "late": int(log.late[k]),
-            "compute_s": log.compute[k].item(),
-            "negotiation_s": log.negotiation[k].item(),
+            "compute_s": _rounded(log.compute[k].item()),
+            "negotiation_s": _rounded(log.negotiation[k].item()),
             **dict(zip(_MESSAGES, links[k].tolist(), strict=True)),
             "remark": log.remarks[k],
         }
+
+
+def _rounded(value: float) -> float:
+    """Return a time, length or velocity without what binary fractions leave: 15.2 for 15.200000000000001."""
+    return round(value, DECIMALS) + 0.0  # no negative zero
 
 
 def _names(stems: tuple[str, ...], dimensions: int, width: int, otherwise: str) -> list[str]:

@@ -411,3 +411,16 @@ def test_the_summary_of_a_run_without_losses_says_nothing_of_their_causes(swap: 
     assert swap.summary()["lost_by"] == {"faults": {}, "network": 0}
     assert "messages lost" not in show(swap)
     assert "controllers noted" not in show(swap)
+
+
+def test_the_links_name_what_happened(lossy_run: Run) -> None:
+    log = lossy_run.agents[1]
+    events = (
+        {"event": "inspected", "time": 0, "checks": []},
+        {"event": "fault", "time": int(2e9), "change": []},
+        {"event": "alarm", "time": int(3e9), "rule": "geofence", "then": "log", "text": "out", "step": 15},
+    )
+    axes = draw("links", changed(lossy_run, 1, events=(*log.events, *events))).axes
+    words = [text.get_text() for each in axes for text in each.texts]
+    assert words.count("faults changed") == 1
+    assert "alarm: geofence" in words
