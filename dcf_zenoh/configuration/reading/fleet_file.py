@@ -1,6 +1,7 @@
 """Fleet files on disk: where they are, and their text as tables."""
 
 import tomllib
+from codecs import BOM_UTF16_BE, BOM_UTF16_LE
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -38,7 +39,9 @@ def parse(path: Path) -> dict[str, Any]:
         ConfigurationError: The file cannot be read, or is not TOML.
     """
     try:
-        return tomllib.loads(path.read_bytes().decode())
+        data = path.read_bytes()
+        utf_16 = len(data) > 2 and data[:2] in (BOM_UTF16_LE, BOM_UTF16_BE)  # as some editors of Windows write it
+        return tomllib.loads(data.decode("utf-16" if utf_16 else "utf-8-sig").replace("\r\n", "\n"))
     except tomllib.TOMLDecodeError as error:
         raise ConfigurationError(f"not TOML: {error}", str(path)) from error
     except UnicodeDecodeError as error:

@@ -22,6 +22,14 @@ def test_what_is_not_toml_is_reported_with_line_and_column(file: Path) -> None:
     assert problems(file) == ["not TOML: Invalid value (at line 16, column 8)"]
 
 
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16"])
+def test_files_as_other_systems_write_them_are_read(file: Path, encoding: str) -> None:
+    before = load(file).spec
+    text = file.read_text(encoding="utf-8").replace("\n", "\r\n")
+    file.write_bytes(text.encode(encoding))
+    assert load(file).spec == before
+
+
 def test_what_is_not_utf8_is_reported(file: Path) -> None:
     file.write_bytes(b'name = "\xff"')
     assert problems(file)[0].startswith("not TOML, which is UTF-8: ")
