@@ -93,6 +93,8 @@ class AdoptedProcess:
 class ProcessStarter:
     """Starts daemons: by a fork server for a fleet of `FORKS_FROM` or more, else one by one. Use it in a ``with``.
 
+    With a server this process becomes, and stays, the parent of all orphans among its descendants.
+
     Args:
         count: Number of daemons that are to be started.
         modules: Modules that all of them need, in addition to those of `agentd`.

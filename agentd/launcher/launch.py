@@ -92,8 +92,7 @@ def launch(fleet: LoadedFleet, folder: Path, on_status: OnStatus, on_message: On
     landing = max((plant.landing_time for plant in plants), default=0.0)
     if real and not yes and not in_foreground():
         raise ConfigurationError(f"real bodies take off when a person presses a key: there is no terminal; {YES}")
-    for each in shared_devices(fleet.spec, lambda kind: load("plants", kind, fleet.folder)):
-        raise ConfigurationError(f"{each.key}: {each.text}", fleet.source)
+    _check_devices(fleet)
     reaction = patience = REACTION + landing
     if fleet.spec.time.clock == "wall" and fleet.spec.safety.neighbour_silent.then in ("hold", "continue"):
         patience = fleet.spec.time.duration + landing + LINGER
@@ -128,6 +127,16 @@ def launch(fleet: LoadedFleet, folder: Path, on_status: OnStatus, on_message: On
     if reasons := failures.causes or failures.effects:
         more = f"; and {len(reasons) - 1} more, see above" if len(reasons) > 1 else ""
         raise FleetFailed(reasons[0] + more)
+
+
+def _check_devices(fleet: LoadedFleet) -> None:
+    """Refuse bodies that share a device, such as a radio: all daemons run on this machine.
+
+    Raises:
+        ConfigurationError: Two agents use one device.
+    """
+    for each in shared_devices(fleet.spec, lambda kind: load("plants", kind, fleet.folder)):
+        raise ConfigurationError(f"{each.key}: {each.text}", fleet.source)
 
 
 def _describe_run(fleet: LoadedFleet, folder: Path, endpoints: Mapping[int, str]) -> dict[str, Any]:

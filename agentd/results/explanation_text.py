@@ -8,7 +8,7 @@ from dcf_zenoh.records.run import Run
 
 _ENDS = {
     "agreed": "stopped by agreement",
-    "returned": "the algorithm returned",
+    "returned": "was ended by the algorithm itself",
     "rounds": "was out of rounds",
     "budget": "was out of time",
 }

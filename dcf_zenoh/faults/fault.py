@@ -75,12 +75,12 @@ class Fault(ABC):
 
     @property
     def least_delay(self) -> float:
-        """Shortest time by which the fault delays a message, s; 0 if that is not known."""
+        """Shortest time by which the fault delays a message, s; 0 if unknown. Checks ask built-in faults alone."""
         return 0.0
 
     @property
     def usual_delay(self) -> float:
-        """Typical time by which the fault delays a message, s; 0 if that is not known."""
+        """Typical time by which the fault delays a message, s; 0 if unknown. Checks ask built-in faults alone."""
         return 0.0
 
     @property

@@ -37,11 +37,11 @@ def import_file(path: Path, kind: str) -> ModuleType:
     """
     content = _read(path, kind)
     path = path.resolve()
-    _check_copy(path, content, kind)
     digest = hashlib.sha256(bytes(path) + b"\0" + content).hexdigest()[:16]
     name = f"dcf_zenoh_plugin_{path.stem}_{digest}"
     if name in sys.modules:
         return sys.modules[name]
+    _check_copy(path, content, kind)
     loader = _Source(Path(original(path)), content)
     spec = importlib.util.spec_from_file_location(name, path, loader=loader)
     assert spec is not None

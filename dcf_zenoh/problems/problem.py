@@ -59,11 +59,11 @@ class ConsensusProblem(Problem):
 
     def cost(self, x: Array) -> float:
         """Return f(x)."""
-        raise NotImplementedError
+        raise NotImplementedError(f"{type(self).__name__} has no method cost")
 
     def gradient(self, x: Array) -> Array:
         """Return the gradient of f, or a subgradient."""
-        raise NotImplementedError
+        raise NotImplementedError(f"{type(self).__name__} has no method gradient")
 
     def argmin(self, slope: Array, weight: float) -> Array:
         """Return the x in X with the least f(x) + slope'x + weight / 2 |x|².
@@ -72,7 +72,7 @@ class ConsensusProblem(Problem):
             slope: Shape (n,).
             weight: Not negative; positive if f is not strongly convex.
         """
-        raise NotImplementedError
+        raise NotImplementedError(f"{type(self).__name__} has no method argmin")
 
     def project(self, x: Array) -> Array:
         """Return the nearest point of X."""
@@ -101,7 +101,7 @@ class CoupledProblem(Problem):
 
     def cost(self, x: Array) -> float:
         """Return f(x)."""
-        raise NotImplementedError
+        raise NotImplementedError(f"{type(self).__name__} has no method cost")
 
     def respond(self, price: Array, weight: float, target: Array) -> Array:
         """Return the x in X with the least f(x) + price'A x + weight / 2 |A x - target|².
@@ -111,7 +111,7 @@ class CoupledProblem(Problem):
             weight: Not negative; positive if f is not strongly convex.
             target: Shape (rows,).
         """
-        raise NotImplementedError
+        raise NotImplementedError(f"{type(self).__name__} has no method respond")
 
     def coupling(self, x: Array) -> Array:
         """Return A x - b."""

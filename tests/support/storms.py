@@ -30,6 +30,7 @@ from dcf_zenoh.records.log_writer import log_name
 from dcf_zenoh.rounds.receiver import Receiver
 from tests.support.daemons import Launch
 from tests.support.small_fleet import small_fleet
+from tests.support.strangers import bare_session
 from tests.support.waiting import until
 
 STEPS, ROUNDS = 1000, 8  # of the flight in one process
@@ -203,20 +204,8 @@ def request(chance: random.Random) -> bytes:
 def stranger(launch: Launch) -> Iterator[zenoh.Session]:
     """Session of a program that is not part of the fleet, connected to all its agents."""
     until(lambda: launch.about.get("endpoints"), "the endpoints")
-    config = zenoh.Config()
-    for key, value in {
-        "mode": "peer",
-        "connect/endpoints": list(launch.about["endpoints"].values()),
-        "listen/endpoints": [],
-        "scouting/multicast/enabled": False,
-        "scouting/gossip/enabled": False,
-    }.items():
-        config.insert_json5(key, json.dumps(value))
-    session = zenoh.open(config)
-    try:
+    with bare_session(*launch.about["endpoints"].values()) as session:
         yield session
-    finally:
-        session.close()  # type: ignore[no-untyped-call]
 
 
 def forged_goodbyes(folder: Path) -> dict[str, Any]:

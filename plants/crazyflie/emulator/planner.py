@@ -18,6 +18,7 @@ GROUP_MASK, STOP_PLAN, GO_TO_1, START_1, DEFINE, TAKE_OFF, LAND = 0, 3, 4, 5, 6,
 TAKE_OFF_AT, LAND_AT, GO_TO, START = 9, 10, 12, 13  # the first two at a velocity
 IN_MEMORY, PLAIN, COMPRESSED = 1, 0, 1  # location and types of a trajectory
 TRAJECTORIES = 10  # that can be defined
+DEFAULT_VELOCITY = 0.5  # m/s, of a take-off or landing that gives none
 
 
 class Phase(enum.Enum):
@@ -131,7 +132,6 @@ class Planner:
     def __init__(self, memory: bytes | bytearray = b"") -> None:
         self.phase = Phase.IDLE
         self.blocked = True
-        self.velocities = {TAKE_OFF_AT: 0.5, LAND_AT: 0.5}  # m/s, where a command gives none
         self._memory = memory
         self._defined: dict[int, Defined] = {}
         self._curve: Curve | Trajectory | None = None
@@ -211,7 +211,7 @@ class Planner:
         landing, here = kind == LAND_AT, float(self._here[2])
         if relative:
             height = here - height if landing else here + height
-        duration = abs(height - here) / (velocity if velocity > 0 else self.velocities[kind])
+        duration = abs(height - here) / (velocity if velocity > 0 else DEFAULT_VELOCITY)
         return self._take_off_or_land(landing, height, None if keep_yaw else yaw, duration, now)
 
     def _take_off_or_land(self, landing: bool, height: float, yaw: float | None, duration: float, now: int) -> int:

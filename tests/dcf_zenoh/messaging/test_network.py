@@ -1,6 +1,5 @@
 """Real Zenoh sessions over the loopback interface."""
 
-import json
 import socket
 import threading
 import time
@@ -27,6 +26,7 @@ from dcf_zenoh.messaging.handshake import ClockOffset
 from dcf_zenoh.messaging.mailbox import Mailbox
 from dcf_zenoh.messaging.network import CHANNEL_SIZE, Network
 from tests.support.daemons import TRIO, Launch
+from tests.support.strangers import bare_session
 from tests.support.waiting import until
 
 pytestmark = pytest.mark.real_time
@@ -102,26 +102,6 @@ def event_of(network: Network, kind: type, within: float = 10.0) -> object:
     while not isinstance(event := network.next_event(deadline), kind):
         assert time.monotonic() < deadline, f"no {kind.__name__}"
     return event
-
-
-@contextmanager
-def bare_session(*endpoints: str) -> Iterator[zenoh.Session]:
-    """Open a session outside of the fleet, with a direct link to some agents."""
-    config = zenoh.Config()
-    for key, value in {
-        "mode": "peer",
-        "connect/endpoints": list(endpoints),
-        "connect/retry": {"period_init_ms": 20, "period_max_ms": 20, "period_increase_factor": 1.0},
-        "listen/endpoints": [],
-        "scouting/multicast/enabled": False,
-        "scouting/gossip/enabled": False,
-    }.items():
-        config.insert_json5(key, json.dumps(value))
-    session = zenoh.open(config)
-    try:
-        yield session
-    finally:
-        session.close()  # type: ignore[no-untyped-call]
 
 
 def knock(stranger: zenoh.Session, key: str) -> None:

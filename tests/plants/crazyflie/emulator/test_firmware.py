@@ -52,10 +52,13 @@ class Flown:
         assert answer.data == bytes((0x81, 1, 1))
         self.run(0.1)
 
+    def take_off(self, height: float, duration: float, *, wait: float) -> None:
+        self.tell(crtp.HIGH_LEVEL, 0, "BBff?f", 7, 0, height, 0.0, True, duration)
+        self.run(wait)
+
     def fly_up_and_down(self, down: float) -> None:
         self.arm()
-        self.tell(crtp.HIGH_LEVEL, 0, "BBff?f", 7, 0, 1.0, 0.0, True, 2.0)
-        self.run(4.0)
+        self.take_off(1.0, 2.0, wait=4.0)
         self.tell(crtp.HIGH_LEVEL, 0, "BBff?f", 8, 0, 0.0, 0.0, True, down)
         self.run(down + 2.5)
 
@@ -78,8 +81,7 @@ def test_fall_from_height_is_told_with_the_speed_of_the_fall(tmp_path: Path) -> 
     flown = Flown(tmp_path / "truth.jsonl")
     with flown.truth:
         flown.arm()
-        flown.tell(crtp.HIGH_LEVEL, 0, "BBff?f", 7, 0, 1.5, 0.0, True, 2.0)
-        flown.run(4.0)
+        flown.take_off(1.5, 2.0, wait=4.0)
         height = float(flown.firmware.body.position[2])
         flown.tell(crtp.COMMANDER, 0, "fffH", 0, 0, 0, 0)
         flown.run(2.0)
@@ -131,8 +133,7 @@ def test_setpoint_that_is_no_number_stops_the_motors(tmp_path: Path) -> None:
     flown = Flown(tmp_path / "truth.jsonl")
     with flown.truth:
         flown.arm()
-        flown.tell(crtp.HIGH_LEVEL, 0, "BBff?f", 7, 0, 1.0, 0.0, True, 1.0)
-        flown.run(2.0)
+        flown.take_off(1.0, 1.0, wait=2.0)
         flown.tell(crtp.GENERIC, 0, "Bffff", 10, float("nan"), 0.0, 0.0, 1.0)
         flown.run(0.1)
     assert not flown.firmware.body.running
@@ -234,8 +235,7 @@ def test_firmware_of_brushed_crazyflies_arms_itself_again(tmp_path: Path) -> Non
         assert not flown.firmware.supervisor.armed
         flown.run(0.2)
         assert flown.firmware.supervisor.armed
-        flown.tell(crtp.HIGH_LEVEL, 0, "BBff?f", 7, 0, 0.5, 0.0, True, 1.0)
-        flown.run(2.0)
+        flown.take_off(0.5, 1.0, wait=2.0)
         flown.tell(crtp.HIGH_LEVEL, 0, "BBff?f", 8, 0, 0.0, 0.0, True, 1.0)
         flown.run(8.0)  # disarmed 3 s after the landing
         assert flown.firmware.supervisor.armed
@@ -248,8 +248,7 @@ def test_lighthouse_deck_that_falls_silent_stops_the_motors_after_a_while(tmp_pa
     flown = Flown(tmp_path / "truth.jsonl", seed=1)
     with flown.truth:
         flown.arm()
-        flown.tell(crtp.HIGH_LEVEL, 0, "BBff?f", 7, 0, 0.5, 0.0, True, 1.0)
-        flown.run(2.0)
+        flown.take_off(0.5, 1.0, wait=2.0)
         flown.firmware.lighthouse.silent = True
         flown.run(1.4)
         assert flown.firmware.body.running
@@ -289,8 +288,7 @@ def test_world_velocities_lose_height(tmp_path: Path) -> None:
     flown = Flown(tmp_path / "truth.jsonl")
     with flown.truth:
         flown.arm()
-        flown.tell(crtp.HIGH_LEVEL, 0, "BBff?f", 7, 0, 1.0, 0.0, True, 2.0)
-        flown.run(12.0)
+        flown.take_off(1.0, 2.0, wait=12.0)
         before = float(flown.firmware.body.position[2])
         for _ in range(60):
             flown.tell(crtp.GENERIC, 0, "Bffff", 8, 0.0, 0.0, 0.0, 0.0)
